@@ -2,17 +2,19 @@
 // width; and dots, as wide as they lie on the work, coloured by their deviation in volume.
 
 import { digits } from "./data.js";
-import { element } from "./dom.js";
+import { choose, element } from "./dom.js";
 import { PlanMap } from "./map.js";
 import { mixed, onTheme, theme, WIDTH_SPAN } from "./theme.js";
 
 const LEVELS = 160; // of width, each drawn in one stroke
+const SHADES = 48; // of a scale
 const DRY = 0.02; // of the nominal width; a narrower bead is none
 
 export class BeadMap {
   constructor(data, cursor, region) {
     this.data = data;
     this.span = WIDTH_SPAN * (data.width_tolerance || 10); // [%]
+    this.byError = Boolean(data.width) && data.blamed === "path";
     const { x, y, width } = data.column;
     const place = { x: 0, y: 0 };
     this.map = new PlanMap({
@@ -26,27 +28,44 @@ export class BeadMap {
     });
     this.widest = !width ? 0 : width.reduce((most, value) => (value > most ? value : most), 0);
     this.bar = element("span", { class: "ramp" });
+    this.low = element("span");
+    this.high = element("span");
     this.element = element("figure", { class: "view bead" }, this._caption(), this.map.surface);
     this._paint();
     onTheme(() => this._paint());
   }
 
   _caption() {
-    const { bar, data, span } = this;
-    for (const side of data.width_tolerance ? [-1, 1] : []) {
-      const mark = element("i", { title: `tolerance: ${data.width_tolerance} %` });
-      mark.style.left = `${50 + (50 * side * data.width_tolerance) / span}%`;
-      bar.append(mark);
-    }
-    const scale = element("span", { class: "scale" }, `−${span} %`, bar, `+${span} %`);
+    const { data } = this;
+    const scale = element("span", { class: "scale" }, this.low, this.bar, this.high);
     const count = data.dots.length === 1 ? "1 dot" : `${data.dots.length} dots`;
-    const dots = data.dots.length ? `, volume of ${count}` : "";
     if (!data.width) return element("figcaption", {}, element("b", {}, "Dots"), `volume of ${count}`, scale);
-    return element("figcaption", {}, element("b", {}, "Bead width"), `of ${digits(data.width)} mm${dots}`, scale);
+    const choice = choose("Colour", [["width", false], ["path error", true]], this.byError, (byError) => {
+      this.byError = byError;
+      this._paint();
+      this.map.redraw();
+    });
+    const dots = data.dots.length ? `, ${count}` : "";
+    return element("figcaption", {}, element("b", {}, "Bead"), `${digits(data.width)} mm wide${dots}`, choice, scale);
   }
 
+  /** The scale of the colours, with marks at the tolerance. */
   _paint() {
-    this.bar.style.background = `linear-gradient(to right, ${theme().widths.join(",")})`;
+    const { data, span, byError, bar } = this;
+    const colours = theme();
+    bar.style.background = `linear-gradient(to right, ${(byError ? colours.errors : colours.widths).join(",")})`;
+    this.low.textContent = byError ? "0" : `−${span} %`;
+    this.high.textContent = byError ? `${digits(data.largest)} µm` : `+${span} %`;
+    const limit = byError ? data.path_tolerance : data.width_tolerance;
+    const places = byError ? [limit / data.largest] : [0.5 - limit / span / 2, 0.5 + limit / span / 2];
+    const title = `tolerance: ${digits(limit || 0)} ${byError ? "µm" : "%"}`;
+    bar.replaceChildren();
+    for (const place of limit ? places : []) {
+      if (place > 1) continue;
+      const mark = element("i", { title });
+      mark.style.left = `${100 * place}%`;
+      bar.append(mark);
+    }
   }
 
   _draw(context, map, colours) {
@@ -60,6 +79,11 @@ export class BeadMap {
       Object.assign(context, { strokeStyle: dot.failed ? colours.alarm : colours.soft, lineWidth: dot.failed ? 2 : 1 });
       context.stroke();
     }
+    const { x, y } = this.data.column;
+    const point = (row) => ({ x: x[row], y: y[row] });
+    const { worst } = this.data;
+    map.markWorst(context, map.px(x[worst]), map.py(y[worst]), colours, "worst");
+    map.markEnds(context, point, colours);
   }
 
   _bead(context, map, colours) {
@@ -76,27 +100,38 @@ export class BeadMap {
     });
     Object.assign(context, { strokeStyle: colours.line, lineWidth: nominal * map.scale });
     context.stroke();
-    const pieces = Array.from({ length: LEVELS + 1 }, () => new Path2D());
-    let before = -1;
+    // strokes of one width and one colour each, by both
+    const pieces = new Map();
+    const { size, largest } = data;
+    const shadeOf = (row, wide) => {
+      if (!this.byError) return 0.5 + (50 * (wide / nominal - 1)) / span;
+      return size[row] === size[row] ? size[row] / largest : -1;
+    };
+    let before = "";
     for (let row = 0; row < data.rows; row++) {
       const wide = width[row];
-      const level = wide > DRY * nominal ? Math.round((LEVELS * wide) / widest) : -1;
-      if (level >= 0) {
-        const place = [map.px(x[row]), map.py(y[row])];
-        if (before !== level) {
-          const start = before >= 0 ? row - 1 : row; // pieces of different width touch
-          pieces[level].moveTo(map.px(x[start]), map.py(y[start]));
-        }
-        pieces[level].lineTo(...place);
+      if (!(wide > DRY * nominal)) {
+        before = "";
+        continue;
       }
-      before = level;
+      const level = Math.max(Math.round((LEVELS * wide) / widest), 1);
+      const share = shadeOf(row, (widest * level) / LEVELS);
+      const shade = share < 0 && this.byError ? -1 : Math.round(SHADES * Math.min(Math.max(share, 0), 1));
+      const key = level * 1000 + shade;
+      if (!pieces.has(key)) pieces.set(key, { path: new Path2D(), wide: (widest * level) / LEVELS, shade });
+      const { path } = pieces.get(key);
+      if (before !== key) {
+        const start = before === "" ? row : row - 1; // pieces of different width touch
+        path.moveTo(map.px(x[start]), map.py(y[start]));
+      }
+      path.lineTo(map.px(x[row]), map.py(y[row]));
+      before = key;
     }
-    pieces.forEach((piece, level) => {
-      const wide = (widest * level) / LEVELS;
-      const deviation = 100 * (wide / nominal - 1);
-      context.strokeStyle = mixed(colours.widths, 0.5 + (0.5 * deviation) / span);
+    const ramp = this.byError ? colours.errors : colours.widths;
+    for (const { path, wide, shade } of pieces.values()) {
+      context.strokeStyle = shade < 0 ? colours.line : mixed(ramp, shade / SHADES);
       context.lineWidth = Math.max(wide * map.scale, 1);
-      context.stroke(piece);
-    });
+      context.stroke(path);
+    }
   }
 }

@@ -6,14 +6,13 @@ import { PlanMap } from "./map.js";
 import { mixed, onTheme, theme } from "./theme.js";
 
 const COLOURS = 48;
-const WORST = 9; // size of the mark at the largest error [pixels]
 
 export class Plan {
   constructor(data, cursor, region) {
     this.data = data;
     this.cursor = cursor;
     this.factor = data.magnification;
-    this.largest = Math.max(data.size[data.worst] || 0, 1e-9);
+    this.largest = data.largest;
     this.place = { x: 0, y: 0 };
     this.map = new PlanMap({
       name: "Plan view: the nozzle's path, coloured by its error",
@@ -130,32 +129,11 @@ export class Plan {
     });
   }
 
-  /** Mark where the dispenser first opens and last closes, and the largest error. */
+  /** Mark where the dispenser first opens and last closes, and the verdict's worst place. */
   _ends(context, map, colours) {
     const { data } = this;
-    const rows = stretches(data.rows, (row) => data.size[row] === data.size[row]);
-    if (!rows.length) return;
-    Object.assign(context, { fillStyle: colours.ink, strokeStyle: colours.alarm, lineWidth: 2 });
-    for (const [row, name] of [[rows[0][0], "start"], [rows[rows.length - 1][1], "end"]]) {
-      const { x, y } = this._point(row);
-      context.beginPath();
-      context.arc(map.px(x), map.py(y), 3.5, 0, 2 * Math.PI);
-      context.fill();
-      context.fillText(name, map.px(x) + 7, map.py(y) + 14);
-    }
     const { x, y } = this._point(data.worst);
-    const px = map.px(x);
-    const py = map.py(y);
-    context.beginPath();
-    context.moveTo(px, py - 4);
-    context.lineTo(px - 0.6 * WORST, py - 4 - WORST);
-    context.lineTo(px + 0.6 * WORST, py - 4 - WORST);
-    context.closePath();
-    context.stroke();
-    context.fillStyle = colours.alarm;
-    const inside = px < map.width - 90;
-    context.textAlign = inside ? "left" : "right";
-    context.fillText(`${digits(data.size[data.worst])} µm`, px + (inside ? WORST : -WORST), py - 6);
-    context.textAlign = "left";
+    map.markWorst(context, map.px(x), map.py(y), colours, data.text("contour", data.worst));
+    map.markEnds(context, (row) => this._point(row), colours);
   }
 }

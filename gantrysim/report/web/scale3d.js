@@ -1,7 +1,7 @@
 // The colours of the 3-D view: those of the plan for the error, those of the bead's map for its width.
 
 import { digits } from "./data.js";
-import { element } from "./dom.js";
+import { choose, element } from "./dom.js";
 import { mixed, onTheme, theme, WIDTH_SPAN } from "./theme.js";
 
 const LEVELS = 255;
@@ -14,9 +14,9 @@ function table(ramp) {
 export class Scale3d {
   constructor(data) {
     this.data = data;
-    this.largest = Math.max(data.size[data.worst] || 0, 1e-9);
+    this.largest = data.largest;
     this.span = WIDTH_SPAN * (data.width_tolerance || 10); // [%]
-    this.byWidth = false;
+    this.byWidth = Boolean(data.width) && data.blamed !== "path";
     this.bar = element("span", { class: "ramp" });
     this.low = element("span");
     this.high = element("span");
@@ -32,17 +32,13 @@ export class Scale3d {
   /** Buttons that choose the quantity; none where the bead's width is unknown. */
   buttons(changed) {
     if (!this.data.width) return [];
-    const buttons = [["error", false], ["width", true]].map(([label, byWidth]) => {
-      const button = element("button", { type: "button", "aria-pressed": String(byWidth === this.byWidth) }, label);
-      button.addEventListener("click", () => {
+    return [
+      choose("Colour", [["width", true], ["path error", false]], this.byWidth, (byWidth) => {
         this.byWidth = byWidth;
-        buttons.forEach((other) => other.setAttribute("aria-pressed", String(other === button)));
         this._legend();
         changed();
-      });
-      return button;
-    });
-    return [element("span", { class: "choice", role: "group", "aria-label": "Colour" }, ...buttons)];
+      }),
+    ];
   }
 
   _legend() {
