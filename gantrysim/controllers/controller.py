@@ -40,6 +40,7 @@ class Controller(ABC):
             lines while the axes move; empty for any other.
         corner_argument: dotted name of the argument that rounds corners, more strongly the larger it is; None for a
             controller without one.
+        flow_output: output of the program that is the set point of the flow; empty for none.
     """
 
     speed_scaling: ClassVar[str] = "the program's speed"
@@ -49,6 +50,7 @@ class Controller(ABC):
     loop_words: ClassVar[str] = ""
     ramp_arguments: ClassVar[tuple[str, ...]] = ()
     corner_argument: ClassVar[str | None] = None
+    flow_output: str = ""
 
     @property
     @abstractmethod

@@ -17,7 +17,7 @@ from gantrysim.job.tolerance import Tolerance
 from gantrysim.record.run import Run
 from gantrysim.results.colours import MAGNITUDE, SHARE, WIDTH, ColourScale
 from gantrysim.results.glue import GLUE
-from gantrysim.results.verdict import PATH, Verdict
+from gantrysim.results.verdict import Verdict
 
 PLAIN = "plain"
 VERDICT = "verdict"
@@ -155,7 +155,7 @@ def chosen_colour(colour: str | None, runs: Sequence[Run], verdicts: Sequence[Ve
     if colour == VERDICT and any(run.job is None for run in runs):
         raise InputError("colour verdict: the run has no job, which gives the tolerances: use error or width")
     known = [run.known_verdict for run in runs] if verdicts is None else verdicts
-    rows = [verdict[name] for verdict in known if verdict is not None and verdict.rows for name in (PATH, GLUE)]
+    rows = [verdict[verdict.shown_row] for verdict in known if verdict is not None and verdict.rows]
     worst = max(rows, key=lambda row: row.severity, default=None)
     return BY_WIDTH if worst is not None and worst.name == GLUE else BY_ERROR
 

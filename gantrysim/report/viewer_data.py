@@ -252,6 +252,15 @@ class ViewerData:
         text = job.program.get(job.controller.text_argument, "")
         return text if isinstance(text, str) else ""
 
+    @property
+    def _worst_row(self) -> int | None:
+        """Row at which the verdict is worst, where the cursor begins; None where no time of it is known."""
+        place = self.results.verdict.worst_place
+        if place is None or place.time is None:
+            return None
+        times = self.results.budget.analysis.run.time[self.rows]
+        return int(np.abs(times - place.time).argmin())
+
     def content(self) -> dict[str, Any]:
         """Return what the viewer reads: columns, their series, the program's text, nominal values and tolerances."""
         run = self.results.budget.analysis.run
@@ -267,6 +276,7 @@ class ViewerData:
             values = series.at(rows)
             columns[series.name] = encoded_numbers(values)
             contents.append(series.content(values))
+        verdict = self.results.verdict
         bead = self._bead
         if self.in_space and bead is not None:
             columns["height"] = encoded_numbers(bead_height(bead, rows))
@@ -280,6 +290,8 @@ class ViewerData:
             "corners": self.corners(),
             "program": _listing(self._program_text, lines),
             "magnification": magnification(self.results.budget.analysis),
+            "worst": self._worst_row,
+            "shown": verdict.shown_row,
             "path_tolerance": _UM * self._tolerance.path_max,
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": self._width_tolerance,

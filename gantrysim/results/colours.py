@@ -12,14 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN
 
 INK = "#1b1f24"  # of text, axes of plots and the contour error
+SOFT = "#5b6470"  # of secondary text
 REQUESTED = "#8a8f98"
 FAULT = "#d1203f"
 RIGHT = "#c3c7c0"  # what is as requested, on both scales
 GOOD = "#56b094"
 BAD = "#e4572e"
 NEAR = "#f2b53a"
+# of a verdict, as text on paper; words and shapes stay without them
+STATES = {PASS: "#1a7f4b", WARN: "#a65f00", FAIL: "#b3122d", UNJUDGED: SOFT}
 BEAD = "#b87a00"  # width and height of the bead in plots
 
 # From Okabe and Ito's palette, but for encoder and structure, which there become the same grey for eyes without green
@@ -124,7 +128,7 @@ def css_variables() -> str:
     `--share-stops` and `--width-stops` are value, place and colour of each stop, which scripts interpolate;
     `--share-scale` and `--width-scale` are gradients.
     """
-    lines = [f"  --near: {NEAR};"]
+    lines = [f"  --near: {NEAR};", *(f"  --{state}: {STATES[state]};" for state in (PASS, WARN, FAIL))]
     for name, scale in (("share", SHARE), ("width", WIDTH)):
         stops = ", ".join(f"{value:g} {place:.4g} {colour}" for value, place, colour in scale.stops)
         gradient = ", ".join(f"{colour} {100 * place:.4g}%" for _, place, colour in scale.stops)
