@@ -25,10 +25,11 @@ VIDEO = "video.mp4"
 PLOTS = "plots"
 RENDER = "render"  # stem of the file that gantrysim render draws of a saved run
 REPORT = "report.html"
+CARD = "card.png"
 RECORD = "record.csv"  # what the controller itself records, where its program asks for it
 _PLOT_NAMES = ("plan", "error", "budget", "spacing", "bead")
 _RENDERED = tuple(f"{RENDER}{suffix}" for suffix in (".mp4", ".gif", ".png"))
-_SHOWN = (SUMMARY, VIDEO, REPORT, *(f"{PLOTS}/{name}.png" for name in _PLOT_NAMES))
+_SHOWN = (SUMMARY, VIDEO, REPORT, CARD, *(f"{PLOTS}/{name}.png" for name in _PLOT_NAMES))
 
 
 @dataclass(frozen=True)

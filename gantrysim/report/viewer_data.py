@@ -23,6 +23,7 @@ from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import leaves_plane
 from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines_at
+from gantrysim.job.tolerance import Tolerance
 from gantrysim.machine.outline import Part, Solid, outline
 from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
@@ -235,12 +236,15 @@ class ViewerData:
         rounded: list[list[float]] = table.round(_CORNER_DECIMALS).tolist()
         return rounded
 
+    @cached_property
+    def _tolerance(self) -> Tolerance:
+        """The job's tolerances, also of a run that is not judged, for its colours."""
+        return self.results.job.limits(self.results.budget.analysis.run.face)
+
     @property
-    def _width_tolerance(self) -> float | None:
+    def _width_tolerance(self) -> float:
         """Tolerance of the bead's width; of the volume of dots where there is no bead, which is coloured then [%]."""
-        tolerance = self.results.verdict.tolerance
-        if tolerance is None:
-            return None
+        tolerance = self._tolerance
         return tolerance.dot_volume if self._bead is None and self.results.dots else tolerance.bead_width
 
     @property
@@ -250,6 +254,15 @@ class ViewerData:
             return ""
         text = job.program.get(job.controller.text_argument, "")
         return text if isinstance(text, str) else ""
+
+    @property
+    def _worst_row(self) -> int | None:
+        """Row at which the verdict is worst, where the cursor begins; None where no time of it is known."""
+        place = self.results.verdict.worst_place
+        if place is None or place.time is None:
+            return None
+        times = self.results.budget.analysis.run.time[self.rows]
+        return int(np.abs(times - place.time).argmin())
 
     def content(self) -> dict[str, Any]:
         """Return what the viewer reads: columns, their series, the program's text, nominal values and tolerances."""
@@ -266,7 +279,7 @@ class ViewerData:
             values = series.at(rows)
             columns[series.name] = encoded_numbers(values)
             contents.append(series.content(values))
-        tolerance = self.results.verdict.tolerance
+        verdict = self.results.verdict
         bead = self._bead
         if self.in_space and bead is not None:
             columns["height"] = encoded_numbers(bead_height(bead, rows))
@@ -280,7 +293,9 @@ class ViewerData:
             "corners": self.corners(),
             "program": _listing(self._program_text, lines),
             "magnification": magnification(self.results.budget.analysis),
-            "path_tolerance": None if tolerance is None else _UM * tolerance.path_max,
+            "worst": self._worst_row,
+            "shown": verdict.shown_row,
+            "path_tolerance": _UM * self._tolerance.path_max,
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": self._width_tolerance,
             "dots": [_dot_content(verdict, rows) for verdict in self.results.dots],

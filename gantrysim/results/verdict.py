@@ -136,6 +136,12 @@ class Verdict(Shown):
         return row if row.state in (WARN, FAIL) else None
 
     @property
+    def shown_row(self) -> str:
+        """Name of the row that pictures of a bead show: "path" or "glue", whichever is worse; others have no place."""
+        rows = [row for row in self.rows if row.name in (PATH, GLUE)]
+        return max(rows, key=lambda row: row.severity).name if rows else PATH
+
+    @property
     def worst_check(self) -> Check | None:
         """The worst check of the worst row; None where there is no such row, or its remark alone says why it fails."""
         row = self.worst_row
