@@ -30,6 +30,7 @@ from gantrysim.identify.dispenser.model import (
     DEAD_TIME,
     DISPLACEMENT,
     DROP,
+    EDGES,
     FLOW,
     INDEX,
     LEAK,
@@ -42,6 +43,7 @@ from gantrysim.identify.dispenser.model import (
     Model,
     needle_sizes,
     needle_with,
+    sample_interval,
 )
 from gantrysim.identify.result import KNOWN, KNOWN_DAMPING
 
@@ -68,8 +70,6 @@ GROUPS = (
 _BOUNDS = {YIELD: 0.25, LEAK: KNOWN_DAMPING}  # largest half interval, of the value; of the others `KNOWN`
 _UNEXPLAINED = 0.15  # largest share of a reading that the law may leave
 _UNKNOWN = 10.0  # half interval from which no measurement bears on a value, of the value
-_STEP = 1e-4  # of a variable, for the derivative of a value
-_BETWEEN_ROWS = 0.5  # of the sample interval, by which a command's edge may be off
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class DispenserIdentification:
     @cached_property
     def values(self) -> tuple[DispenserValue, ...]:
         """The parameters, and what follows from them."""
-        values = [self._parameter(k) for k in range(len(self.fit.parameters))]
+        values = [self._parameter(k) for k, shown in enumerate(self.fit.parameters) if shown.name not in EDGES]
         return (*values, *(self._derived(name) for name in self._derivable))
 
     def __getitem__(self, name: str) -> DispenserValue:
@@ -129,7 +129,7 @@ class DispenserIdentification:
     @cached_property
     def advice(self) -> Advice | None:
         """The two measurements that would narrow the intervals most; None where nothing can be added."""
-        needs = {value.name: self._bound(value.name) for value in self.values if value.name not in DERIVED}
+        needs = {parameter.name: self._bound(parameter.name) for parameter in self.fit.parameters}
         return advice_for(self.fit, needs)
 
     @property
@@ -229,46 +229,28 @@ class DispenserIdentification:
 
     def _slack(self, name: str) -> float:
         """Return the half interval within which a time is known, whatever its value [s]."""
-        return self._spacing if name in (*TIMES, OFFSET, LAG) else 0.0
-
-    @cached_property
-    def _spacing(self) -> float:
-        """The sample interval of the records, 0 without [s]."""
-        records = self.measured.of_kind(RECORD)
-        return max((float(np.median(np.diff(record.columns["time"]))) for record in records), default=0.0)
+        return sample_interval(self.measured) if name in (*TIMES, OFFSET, LAG) else 0.0
 
     def _parameter(self, k: int) -> DispenserValue:
         parameter = self.fit.parameters[k]
-        x = float(self.fit.x[k])
-        gradient = np.zeros(self.fit.x.size)
-        gradient[k] = 1.0
-        half = self.fit.half_width(gradient)
-        if parameter.name in (DEAD_TIME, CLOSING_DEAD_TIME):
-            # the command has changed somewhere between two rows
-            half += _BETWEEN_ROWS * self._spacing / parameter.spread
+        half = self.fit.half_width(lambda x: float(x[k]))
         value = self.fit.values[parameter.name]
-        low = max(parameter.value(x - half), parameter.low)
-        high = min(parameter.value(x + half), parameter.high)
+        low = max(parameter.value(float(self.fit.x[k]) - half), parameter.low)
+        high = min(parameter.value(float(self.fit.x[k]) + half), parameter.high)
         reason = self._reason(parameter.name, value, low, high)
         return DispenserValue(parameter.name, parameter.label, parameter.unit, value, low, high, not reason, reason)
 
     def _derived(self, name: str) -> DispenserValue:
         """Return a value that follows from the parameters; its logarithm is normal where it is above zero."""
         unit, label = DERIVED[name]
-        x = self.fit.x
         is_log = name != OFFSET
 
-        def function(point: Floats) -> float:
-            value = self._value_of(name, values_of(self.fit.parameters, point))
+        def function(x: Floats) -> float:
+            value = self._value_of(name, values_of(self.fit.parameters, x))
             return math.log(max(value, 1e-300)) if is_log else value
 
-        middle = function(x)
-        gradient = np.zeros(x.size)
-        for k in range(x.size):
-            moved = x.copy()
-            moved[k] += _STEP
-            gradient[k] = (function(moved) - middle) / _STEP
-        half = self.fit.half_width(gradient)
+        middle = function(self.fit.x)
+        half = self.fit.half_width(function)
         ends = (middle - half, middle, middle + half)
         low, value, high = (math.exp(min(end, 700.0)) if is_log else end for end in ends)
         reason = self._reason(name, value, low, high)
