@@ -22,6 +22,7 @@ from gantrysim.cli.export import export
 from gantrysim.cli.gains import gains
 from gantrysim.cli.identify import identify_app
 from gantrysim.cli.improve import improve
+from gantrysim.cli.live import live
 from gantrysim.cli.machine import ForJob, describe, machine_app
 from gantrysim.cli.options import AllowCode
 from gantrysim.cli.render import render as render_command
@@ -88,6 +89,7 @@ app.command()(compare)
 app.command()(replay)
 app.command("render")(render_command)
 app.command()(view)
+app.command()(live)
 app.command("compile")(compile_ahead)
 
 
