@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from gantrysim.base.arrays import Floats
@@ -323,12 +324,12 @@ def _check_scale(measured: Measurements, experiment: Experiment) -> None:
         )
 
 
-def _active(measured: Measurements, experiment: Experiment) -> Floats:
+def _active(measured: Measurements, experiment: Experiment) -> NDArray[np.bool_]:
     """Return whether the dispenser is on, (n,)."""
     if measured.kind == "valve":
         command = experiment.columns["command"]
-        return command > 0.5 * float(command.max())
-    return experiment.columns[measured.driver] > 0
+        return np.asarray(command > 0.5 * float(command.max()))
+    return np.asarray(experiment.columns[measured.driver] > 0)
 
 
 def _slope(x: Floats, y: Floats) -> tuple[float, float]:

@@ -287,7 +287,7 @@ class _Search(NamedTuple):
 
     def errors(self, minimum: Minimum) -> tuple[Errors, ...]:
         """Return the errors that a minimum leaves."""
-        inverse = np.linalg.inv(_information(minimum, self.parameters))
+        inverse = np.asarray(np.linalg.inv(_information(minimum, self.parameters)), float)
         differences = self.differences(minimum.x)
         result = []
         for reading, difference, (_, J) in zip(self.readings, differences, minimum.blocks, strict=True):
@@ -300,7 +300,7 @@ class _Search(NamedTuple):
 
     def evidence(self, minimum: Minimum) -> float:
         """Return the logarithm of a choice's evidence, up to a constant, over all sizes of the errors."""
-        inverse = np.linalg.inv(_information(minimum, self.parameters))
+        inverse = np.asarray(np.linalg.inv(_information(minimum, self.parameters)), float)
         score = minimum.evidence
         for reading, (residual, J) in zip(self.readings, minimum.blocks, strict=True):
             half = 0.5 * self._freedom(reading, J, inverse)
