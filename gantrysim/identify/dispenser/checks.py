@@ -110,7 +110,7 @@ def _check_saturated(experiment: Experiment, amount: Floats) -> None:
     at_top = np.flatnonzero(mass >= float(mass.max()))
     if at_top.size < _SAME or float(np.ptp(amount[at_top])) <= 0.1 * float(amount[at_top].min()):
         return
-    first, last = experiment.rows[at_top[[0, -1]]].tolist()
+    first, last = experiment.rows[at_top[[0, -1]]].astype(int).tolist()
     raise NotIdentifiedError(
         f"{experiment.label}: the mass stays at exactly {mass.max():.6g} mg in rows {first} to {last}, while more is "
         "dispensed: the scale is at its limit"

@@ -34,13 +34,16 @@ from gantrysim.identify.whiteness import LAGS
 
 NONE = {YIELD: 0.0, LEAK: 0.0, INDEX: 1.0}  # values of a term that a dispenser has not
 SHARE = 0.01  # usual error of a reading, of its value
-_PASSES = 4  # in which the errors' sizes are solution
+_PASSES = 3  # in which the errors' sizes are solution
+_TOLERANCE = 1e-7  # relative, of the sum of squares and of the variables
 _DIGIT = 12**-0.5  # standard deviation of rounding to a digit
 _LEAST_FREEDOM = 1.0
 _WRONG = 1e6  # residual of values that no needle has
 _CONFIDENCE = 0.95
 _STEP = 1e-4  # of a variable, for the derivative of a value
 _LEAST_WEIGHT = 1e-4  # probability of a choice that counts
+_WEIGHT_OF_ALL = 0.1  # least probability of the choice with every term
+_MOST_STEPS = 60
 _TRIED = 2  # of the starts, those from which a search is made
 
 
@@ -71,6 +74,11 @@ class Minimum(NamedTuple):
     blocks: tuple[tuple[Floats, Floats], ...]
     evidence: float
 
+    @property
+    def cost(self) -> float:
+        """Sum of squares that is minimised."""
+        return sum(float(residual @ residual) for residual, _ in self.blocks) + float(self.x @ self.x)
+
 
 class Choice(NamedTuple):
     """A choice of terms, with its share of the probability.
@@ -97,8 +105,8 @@ class DispenserFit:
         parameters: all that the measurements can bear on, (p,).
         readings: what was measured.
         errors: of the readings.
-        choices: of terms, that with the largest evidence first.
-        full: the choice with every term.
+        choices: of terms, that with the largest evidence first, that with every term last.
+        full: the minimum with every term.
     """
 
     measured: Measurements
@@ -118,18 +126,21 @@ class DispenserFit:
         """Values of the parameters by name."""
         return values_of(self.parameters, self.x)
 
-    def half_width(self, function: Callable[[Floats], float]) -> float:
-        """Return half the 95 % interval of a function of the variables, over all choices of terms."""
-        middle = function(self.x)
+    def half_width(self, function: Callable[[Floats], float], choices: Sequence[Choice] = ()) -> float:
+        """Return half the 95 % interval of a function of the variables, over all choices of terms or some."""
+        choices = choices or self.choices
+        middle = function(choices[0].x)
+        whole_weight = sum(choice.weight for choice in choices)
         variance = 0.0
         freedom = 0.0
-        for choice in self.choices:
+        for choice in choices:
+            weight = choice.weight / whole_weight
             value = function(choice.x)
             gradient = np.array([(function(choice.x + step) - value) / _STEP for step in _STEP * np.eye(self.x.size)])
-            variance += choice.weight * (float(gradient @ choice.covariance @ gradient) + (value - middle) ** 2)
+            variance += weight * (float(gradient @ choice.covariance @ gradient) + (value - middle) ** 2)
             shares = gradient**2 * np.diag(choice.covariance)
             whole = float(shares.sum())
-            freedom += choice.weight * (whole / float((shares / choice.freedom).sum()) if whole else 1.0)
+            freedom += weight * (whole / float((shares / choice.freedom).sum()) if whole else 1.0)
         return float(student.ppf(0.5 + 0.5 * _CONFIDENCE, freedom)) * float(np.sqrt(variance))
 
     def misfit(self, reading: Reading) -> float:
@@ -174,11 +185,12 @@ def fit_dispenser(measured: Measurements, progress: Callable[[float], None] = la
         progress(0.5 * (done + 1) / _PASSES)
     minima = []
     for done, absent in enumerate(choices):
-        minima.append(search.minimum(frozenset(absent), errors, [full.x, begins[0]]))
+        minima.append(search.minimum(frozenset(absent), errors, [full.x]))
         progress(0.5 + 0.5 * (done + 1) / len(choices))
-    # a smaller choice may have found a better minimum of the whole
-    full = search.minimum(frozenset(), errors, [minimum.x for minimum in minima])
-    minima[0] = full
+    # a smaller choice may have come to a better minimum of the whole
+    lowest = min(minima, key=lambda minimum: minimum.cost)
+    if lowest is not minima[0]:
+        minima[0] = search.minimum(frozenset(), errors, [lowest.x])
     return _weighed(search, minima, errors)
 
 
@@ -187,11 +199,11 @@ def _weighed(search: _Search, minima: Sequence[Minimum], errors: tuple[Errors, .
     scores = np.array([search.evidence(minimum) for minimum in minima])
     weights = np.exp(scores - scores.max())
     weights /= weights.sum()
-    choices = [
-        Choice(float(weights[k]), minima[k].x, *search.covariance(minima[k], errors))
-        for k in np.argsort(-weights)
-        if weights[k] > _LEAST_WEIGHT
-    ]
+    best = int(np.argmax(weights))
+    order = [best, *(k for k in range(1, len(minima)) if k != best and weights[k] > _LEAST_WEIGHT), 0]
+    # no glue is exactly Newtonian: the choice with every term counts in any case
+    weights[0] = max(float(weights[0]), _WEIGHT_OF_ALL)
+    choices = [Choice(float(weights[k]), minima[k].x, *search.covariance(minima[k], errors)) for k in order]
     return DispenserFit(search.model.measured, search.parameters, search.readings, errors, tuple(choices), minima[0])
 
 
@@ -256,7 +268,9 @@ class _Search(NamedTuple):
         best = None
         for begin in begins:
             start = np.clip(begin, low + 1e-9, high - 1e-9)[free]
-            solution = least_squares(residuals, start, bounds=(low[free], high[free]), x_scale="jac", max_nfev=60)
+            bounds = (low[free], high[free])
+            tolerances = {"ftol": _TOLERANCE, "xtol": _TOLERANCE, "max_nfev": _MOST_STEPS}
+            solution = least_squares(residuals, start, bounds=bounds, x_scale="jac", **tolerances)
             if best is None or solution.cost < best.cost:
                 best = solution
         assert best is not None

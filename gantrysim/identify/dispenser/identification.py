@@ -20,10 +20,8 @@ from gantrysim.glue.dispenser.volumetric import Pump
 from gantrysim.identify.dispenser.advice import Advice, advice_for
 from gantrysim.identify.dispenser.checks import check_measurements
 from gantrysim.identify.dispenser.fit import NONE, DispenserFit, check_explained, fit_dispenser, values_of
-from gantrysim.identify.dispenser.measurements import RECORD, Measurements
+from gantrysim.identify.dispenser.measurements import DOTS, RECORD, Measurements
 from gantrysim.identify.dispenser.model import (
-    CLOSING,
-    CLOSING_DEAD_TIME,
     COMPLIANCE,
     CONSISTENCY,
     CONTACT_ANGLE,
@@ -69,6 +67,7 @@ GROUPS = (
 )
 _BOUNDS = {YIELD: 0.25, LEAK: KNOWN_DAMPING}  # largest half interval, of the value; of the others `KNOWN`
 _UNEXPLAINED = 0.15  # largest share of a reading that the law may leave
+_SHARE_OF_DOT = 0.1  # half interval of the open-time offset that is known, of the shortest open time
 _UNKNOWN = 10.0  # half interval from which no measurement bears on a value, of the value
 
 
@@ -229,14 +228,20 @@ class DispenserIdentification:
 
     def _slack(self, name: str) -> float:
         """Return the half interval within which a time is known, whatever its value [s]."""
-        return sample_interval(self.measured) if name in (*TIMES, OFFSET, LAG) else 0.0
+        if name not in (*TIMES, OFFSET, LAG):
+            return 0.0
+        shortest = min((float(dots.columns["open time"].min()) for dots in self.measured.of_kind(DOTS)), default=0.0)
+        return max(sample_interval(self.measured), _SHARE_OF_DOT * shortest if name == OFFSET else 0.0)
 
     def _parameter(self, k: int) -> DispenserValue:
         parameter = self.fit.parameters[k]
-        half = self.fit.half_width(lambda x: float(x[k]))
         value = self.fit.values[parameter.name]
-        low = max(parameter.value(float(self.fit.x[k]) - half), parameter.low)
-        high = min(parameter.value(float(self.fit.x[k]) + half), parameter.high)
+        # of a term that the measurements do not need, the interval that it would have
+        choices = self.fit.choices[-1:] if value == NONE.get(parameter.name) else self.fit.choices
+        middle = float(choices[0].x[k])
+        half = self.fit.half_width(lambda x: float(x[k]), choices)
+        low = min(max(parameter.value(middle - half), parameter.low), value)
+        high = max(min(parameter.value(middle + half), parameter.high), value)
         reason = self._reason(parameter.name, value, low, high)
         return DispenserValue(parameter.name, parameter.label, parameter.unit, value, low, high, not reason, reason)
 
@@ -258,7 +263,7 @@ class DispenserIdentification:
 
     def _value_of(self, name: str, values: dict[str, float]) -> float:
         if name == OFFSET:
-            return values[CLOSING_DEAD_TIME] + values[CLOSING] - values[DEAD_TIME] - values[OPENING]
+            return self._open_time_offset(values)
         needle = needle_with(values, *self._sizes)
         if name == LAG:
             return self._drive(values, needle).lags(self._record_flow(values))[0]
@@ -268,6 +273,17 @@ class DispenserIdentification:
         excess = max(stress - values[YIELD], 1e-9)
         rate = (excess / values[CONSISTENCY]) ** (1 / values[INDEX])
         return float(stress / rate)
+
+    def _open_time_offset(self, values: dict[str, float]) -> float:
+        """Return volume over settled flow, less the open time, of the longest dots or of those of a second [s]."""
+        dots = self.measured.of_kind(DOTS)
+        experiment = (dots or self.measured.of_kind(RECORD))[0]
+        times = experiment.columns["open time"] if dots else np.ones(1)
+        row = int(times.argmax())
+        model = Model(self.measured)
+        flow = float(model.steady(values, experiment)[0][row])
+        time = float(times[row])
+        return model.dot(values, experiment, row, time) / max(flow, 1e-12) - time
 
     def _drive(self, values: dict[str, float], needle: Needle) -> Drive:
         if self.measured.kind == VOLUMETRIC:

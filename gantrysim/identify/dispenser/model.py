@@ -282,13 +282,21 @@ class Model(NamedTuple):
 
     def _dots(self, values: Mapping[str, float], experiment: Experiment) -> Floats:
         """Return the volumes of dots, (n,) [mm³]."""
-        open_for = np.maximum(experiment.columns["open time"] + values[CLOSING_DEAD_TIME] - values[DEAD_TIME], 0.0)
-        tail = _SETTLED * values[CLOSING] + 1e-9
-        durations = [np.array([duration, tail]) for duration in open_for.tolist()]
-        volumes = [
-            self._volumes(values, experiment, k, pieces, np.array([1.0, 0.0])) for k, pieces in enumerate(durations)
-        ]
-        return np.array([float(volume.sum()) for volume in volumes])
+        open_for = experiment.columns["open time"].tolist()
+        return np.array([self.dot(values, experiment, row, time) for row, time in enumerate(open_for)])
+
+    def dot(self, values: Mapping[str, float], experiment: Experiment, row: int, open_time: float) -> float:
+        """Return the volume of a dot [mm³].
+
+        Args:
+            values: of the parameters by name.
+            experiment: with the pressure and the needle.
+            row: of the experiment.
+            open_time: time between the commands on and off [s].
+        """
+        flows_for = max(open_time + values[CLOSING_DEAD_TIME] - values[DEAD_TIME], 0.0)
+        durations = np.array([flows_for, _SETTLED * values[CLOSING] + 1e-9])
+        return float(self._volumes(values, experiment, row, durations, np.array([1.0, 0.0])).sum())
 
     def _volumes(
         self, values: Mapping[str, float], experiment: Experiment, row: int, durations: Floats, is_open: Floats
@@ -322,8 +330,8 @@ class Model(NamedTuple):
     def _valve(self, values: Mapping[str, float], experiment: Experiment, marks: Floats) -> Floats:
         """Return the volume that a valve has let out at some instants, (k,) [mm³]."""
         switched, is_open = switches(experiment)
-        rising = values[DEAD_TIME] + values[RISING]
-        falling = values[CLOSING_DEAD_TIME] + values[FALLING]
+        rising = values[DEAD_TIME] + values.get(RISING, 0.0)
+        falling = values[CLOSING_DEAD_TIME] + values.get(FALLING, 0.0)
         delays = np.where(is_open[1:], rising, falling)
         # an edge that another one overtakes has no effect
         moved = np.maximum.accumulate(switched + delays)
@@ -342,7 +350,7 @@ class Model(NamedTuple):
         period = float(grid[1] - grid[0])
         rate = self._displaced(values, experiment)
         # the speed changed somewhere between two rows
-        middles = 0.5 * (time[1:] + time[:-1]) + values[RISING]
+        middles = 0.5 * (time[1:] + time[:-1]) + values.get(RISING, 0.0)
         edges = np.concatenate([[min(grid[0], middles[0])], middles, [max(grid[-1], middles[-1])]])
         moved = np.interp(grid, edges, np.concatenate([[0.0], np.cumsum(rate * np.diff(edges))]))
         bore, length = needle_sizes(experiment)
