@@ -90,7 +90,7 @@ def _bead_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
 
 
 class BeadWidth:
-    """Deviation of the bead's width from the nominal one, away from starts and stops.
+    """Deviation of the bead's width from the wanted one, away from starts and stops.
 
     A blob is a contiguous stretch of the bead wider than the tolerance admits, a gap one narrower. Stations within
     `Tolerance.start_length` of where the dispenser opens, and within `stop_length` of where it closes, are not judged.
@@ -105,8 +105,7 @@ class BeadWidth:
     """
 
     def __init__(self, bead: BeadTrace, tolerance: Tolerance) -> None:
-        nominal = float(bead.nominal_section.width[0])
-        self.error: Floats = 100 * (bead.width / nominal - 1)
+        self.error: Floats = 100 * (bead.width / bead.wanted_section.width - 1)
         self.judged = _away_from_ends(bead, tolerance)
         self._bead = bead
         self._tolerance = tolerance

@@ -333,7 +333,7 @@ class Ploughing:
         if not wet.any():
             return cls()
         sections = _sections(bead, wet)
-        behind = _BEHIND * float(bead.nominal_section.width[0]) + bead.run.face
+        behind = _BEHIND * bead.widest + bead.run.face
         run = bead.run
         needle = Needle(
             nozzle=np.ascontiguousarray(run.nozzle),
@@ -421,7 +421,7 @@ def _joints(bead: BeadTrace, touches: NDArray[np.intp], reach: tuple[float, floa
     high = bead.length[touches[:, 1] - 1]
     radius = 0.5 * bead.run.face
     # the glue laid at a begin or end reaches the other bead
-    near = radius + 0.5 * float(bead.nominal_section.width[0])
+    near = radius + 0.5 * bead.widest
     begins = bead.length[bead.stretches[:, 0]]
     ends = bead.length[np.minimum(bead.stretches[:, 1], bead.length.size - 1)]
     is_joint = np.zeros(len(touches), bool)
