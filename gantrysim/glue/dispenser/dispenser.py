@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, positive, unknown
-from gantrysim.glue.dispenser.driven import Drive, Driven, driven_flow, driven_notes
+from gantrysim.glue.dispenser.driven import Drive, Driven, Load, driven_flow, driven_notes, loads
 from gantrysim.glue.dispenser.jet import Jet, Shots, jet_notes, shots
 from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
 from gantrysim.glue.dispenser.material import NOTHING, Material, without_e, without_output
@@ -317,6 +317,17 @@ class Dispenser:
         command = self._command(on, speed, period, material)
         return driven_flow(drive, command, period, by_position=bool(self.per_e))
 
+    def loads(
+        self, dispense: ArrayLike, speed: ArrayLike, period: float, material: Material = NOTHING
+    ) -> tuple[Load, ...]:
+        """Return what a program asks of the motor's limits; empty without; arguments as of `flows`."""
+        drive = self.drive
+        if drive is None or not self.flows_at_all:
+            return ()
+        measure = self._measure(np.asarray(speed, float), material)
+        result = self.driven(np.asarray(dispense, bool), measure, period, material)
+        return loads(drive, result, period, by_position=bool(self.per_e))
+
     def _shots(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> Shots:
         """Return what a jet shoots; arguments as of `flows`."""
         laid = self.per_e / period * material.laid() if self.per_e else None
@@ -343,12 +354,10 @@ class Dispenser:
         speeds = self._measure(np.asarray(speed, float), material)
         if not self.flows_at_all:
             return ()
+        volume = float(self.flow_demand(on, speeds, period, material).sum()) * period
         if self.drive is not None:
-            result = self.driven(on, speeds, period, material)
-            volume = float(self.flow_demand(on, speeds, period, material).sum()) * period
-            return driven_notes(self.drive, result, volume, period)
+            return driven_notes(self.drive, self.driven(on, speeds, period, material), volume, period)
         if self.kind == JET:
-            volume = float(self.flow_demand(on, speeds, period, material).sum()) * period
             return jet_notes(self.jet or Jet(), self._shots(on, speeds, period, material), volume)
         notes = self._clipped(on, speeds, period, material)
         if self.syringe is None:
@@ -433,7 +442,7 @@ class Dispenser:
 
     def held_back(self, setpoints: Setpoints) -> Setpoints:
         """Return the setpoints, delayed if the start lead is longer than the time before the first dispensing."""
-        return setpoints.wait(max(self.start_lead - time_before(setpoints), 0.0))
+        return setpoints.wait(max(self.start_lead - setpoints.time_before_glue, 0.0))
 
     def _demand(self, speed: Floats) -> Floats:
         """Return the flow while the dispenser is on, at speeds of path or E, or set points, of their shape [mm³/s]."""
@@ -489,9 +498,3 @@ class Dispenser:
             return needle.conductance * driven_volumes(duration, request, lag, law, state)
         air = (self.syringe.rate, self.syringe.critical_ratio)
         return syringe_volumes(duration, request, lag, law, air, state)
-
-
-def time_before(setpoints: Setpoints) -> float:
-    """Return the time before the first dispensing of setpoints, inf where there is none [s]."""
-    first = int(np.argmax(setpoints.dispense))
-    return first * setpoints.period if setpoints.dispense[first] else math.inf
