@@ -60,14 +60,9 @@ def write_report(
         write_run(scratch, results)
         figures = figures_ahead(sections_with_figures(results), scratch / PLOTS)
         save_plots(results.budget, scratch / PLOTS, bead=results.bead, only_missing=True)
-<<<<<<< HEAD
-        section = changes(job, results.verdict) if changes is not None and isinstance(job, Job) else None
-        run_page(results, None, advance, section, figures).write(scratch / REPORT)
-=======
-        found = None if changes is None else changes(job, results.verdict)
+        found = changes(job, results.verdict) if changes is not None and isinstance(job, Job) else None
         save_card(scratch / CARD, results, Answer.of(results, None if found is None else found.remedy))
         run_page(results, None, advance, found, figures).write(scratch / REPORT)
->>>>>>> w-F
     return target / REPORT
 
 
