@@ -187,7 +187,7 @@ def test_e_fed_at_rest_alone_lays_dots_and_a_retraction_none():
 
 @pytest.mark.parametrize("beside", ["", STROKE])
 def test_a_low_move_over_dots_fails(beside):
-    """From (0, 8) back over the dots in (0, 0) and, by a detour, (8, 0), at the height at which they were laid."""
+    """By a detour over the dots in (0, 0) and (8, 0), whose cap of 60 deg is 0.91 mm high, 0.5 mm above the work."""
     job = dots_job(DOTS + "G0 Z0\nG0 X-8\nG0 Y0\nG0 X16\nG0 Z3\n" + beside)
     row = glue(job, followed(job))
     assert row.state == "fail"
@@ -195,7 +195,7 @@ def test_a_low_move_over_dots_fails(beside):
     # both diameters, which the remark gives
     assert check.value == pytest.approx(2.51 + 3.17, abs=0.01)
     assert check.place.line == 23
-    assert "needle through its own glue, 2 dots among it: 2 passes, up to 0.2" in row.remark
+    assert "needle through its own glue, 2 dots among it: 2 passes, up to 0.41 mm below its top" in row.remark
     assert row.remark.endswith("lift the needle before this dry move")
     assert row.values["passes_through_glue"] == 2
     assert all(dot["state"] == "pass" for dot in row.values["dots"])

@@ -373,7 +373,8 @@ class Ploughing:
         first, after = passes[int(np.argmax(lengths))]
         dotted = touched & sections.is_dot
         return cls(
-            length=float(np.count_nonzero(touched & ~sections.is_dot)) * bead.ds + 2 * float(sections.half[dotted].sum()),
+            length=float(np.count_nonzero(touched & ~sections.is_dot)) * bead.ds
+            + 2 * float(sections.half[dotted].sum()),
             passes=len(passes),
             depth=max(float(depth.max()), 0.0),
             dots=int(np.count_nonzero(dotted)),
