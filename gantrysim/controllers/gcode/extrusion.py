@@ -15,6 +15,7 @@ of the same length.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -73,6 +74,36 @@ class Extrusion:
         k = self._locate(t)
         elapsed = t - self.time[k]
         return np.asarray(self.begin[k] + elapsed * (self.speed[k] + 0.5 * elapsed * self.change[k]))
+
+    @cached_property
+    def _turns(self) -> tuple[Floats, Floats, Floats]:
+        """Times from and to which E rests where it turns back or forth, and its positions there, (k,) each."""
+        steps = np.diff(np.append(self.begin, self.begin[-1:]))
+        moving = np.flatnonzero(steps)
+        following = np.flatnonzero(np.diff(np.sign(steps[moving])))
+        last = moving[following]
+        first = moving[following + 1]
+        return self.time[last + 1], self.time[first], self.begin[first]
+
+    def sampled(self, period: float, count: int) -> tuple[NDArray[np.intp], Floats]:
+        """Return the ticks at which E turns, and its positions there.
+
+        A turn between two ticks is at the nearer one, or the next without a turn: else what E feeds up to it would be
+        cut by what it feeds in a part of a tick. The last tick has the end.
+
+        Args:
+            period: of the ticks [s].
+            count: number of ticks.
+        """
+        begin, end, position = self._turns
+        is_between = np.floor(end / period) * period < begin
+        ticks = np.round(0.5 * (begin + end)[is_between] / period).astype(np.intp)
+        # in their order, each at a tick of its own
+        rank = np.arange(ticks.size)
+        ticks = np.maximum.accumulate(ticks - rank) + rank
+        ticks = np.minimum(ticks, count - 1 - ticks.size + rank)
+        within = ticks > 0
+        return ticks[within], position[is_between][within]
 
     def _locate(self, t: Floats) -> NDArray[np.intp]:
         return np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, self.begin.size - 1)

@@ -334,6 +334,9 @@ class GCode(Controller):
             material["analogue"] = self.plan.analogue(time)
         if self.extrusion is not None:
             material["extrusion"] = self.extrusion.position(time)
+            ticks_of_turns, turns = self.extrusion.sampled(period, count)
+            here = (ticks_of_turns >= block.start) & (ticks_of_turns < block.stop)
+            material["extrusion"][ticks_of_turns[here] - block.start] = turns[here]
             if self.extrusion.is_advanced:
                 material["extruder"] = self.extrusion.advanced(time)
         return SetpointTable(position, dispense, progress, **material)
