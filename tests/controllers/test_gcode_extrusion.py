@@ -305,12 +305,20 @@ def test_dots_of_e_have_the_volume_of_their_words_whatever_the_tick_s_phase(dots
         lines.append("G0 X50")
     points = Program(text="\n".join(lines)).setpoints(period)
     total = sum(round(amount, 6) for amount, _, _ in dots)
-    np.testing.assert_allclose(Material(points.extrusion).laid().sum(), total, atol=1e-5, rtol=0)
+    laid = Material(points.extrusion).laid()
+    np.testing.assert_allclose(laid.sum(), total, atol=1e-5, rtol=0)
+    # while the dispenser is on, dot by dot
+    on = points.dispense
+    begins = np.flatnonzero(on & ~np.append(False, on[:-1]))
+    each = np.add.reduceat(laid, begins)
+    np.testing.assert_allclose(each, [round(amount, 6) for amount, _, _ in dots], atol=1e-5, rtol=0)
+    assert laid[~on].sum() == pytest.approx(0.0, abs=1e-5)
     assert points.extrusion[-1] == pytest.approx(total - dots[-1][1], abs=1e-5)
 
 
-def test_a_turn_of_e_moves_no_other_set_point():
-    """A dot of 0.1 mm at 100 mm/s, 0.4 ms before a tick: E is there for no time, and at that tick instead."""
+def test_a_dot_of_e_begins_and_ends_at_ticks():
+    """A dot of 0.1 mm at 100 mm/s from 2.6 to 3.6 ms, where E is for no time: from the tick at 3 ms to that at 4 ms."""
     program = Program(text="M83\nG4 P2.6\nG1 E0.1 F6000\nG1 E-0.1\nG1 X10 F3000")
-    turned = program.setpoints(1e-3).extrusion
-    assert turned[:7] == pytest.approx([0, 0, 0, 0.04, 0.1, 0.0, 0.0], abs=1e-9)
+    points = program.setpoints(1e-3)
+    assert points.extrusion[:7] == pytest.approx([0, 0, 0, 0, 0.1, 0, 0], abs=1e-9)
+    assert np.flatnonzero(points.dispense[:7]).tolist() == [3]
