@@ -22,7 +22,7 @@ from gantrysim.job.steps import run_notes
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
-from gantrysim.report.folder import PLOTS, REPORT, VIDEO, write_run, write_summary
+from gantrysim.report.folder import CARD, PLOTS, REPORT, VIDEO, write_run, write_summary
 from gantrysim.report.headline import headline
 from gantrysim.report.scatter import SCATTER_NOTE
 from gantrysim.results.checks import FAIL, PASS
@@ -30,7 +30,7 @@ from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 
 if TYPE_CHECKING:
-    from gantrysim.report.document import Section
+    from gantrysim.report.answer import Changes
 
 _LONG_RUN = "the run is long"
 
@@ -95,7 +95,7 @@ class Evaluation:
             bead = Bead(record, job.bead, analysis)
         self.results = RunResults(job, job.built_machine, budget, bead)
         self.failed: list[str] = []
-        self._changes: Section | None = None
+        self._changes: Changes | None = None
         self._record = record
         self._wanted = wanted
         self._go_on = go_on
@@ -140,6 +140,8 @@ class Evaluation:
         write_summary(folder, results)
         page = None
         if self._wanted.report:
+            from gantrysim.report.answer import Answer
+            from gantrysim.report.card import save_card
             from gantrysim.report.figures import figures_ahead
             from gantrysim.report.page import run_page, sections_with_figures
             from gantrysim.report.plots import save_plots
@@ -150,6 +152,8 @@ class Evaluation:
                 figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)
             with self._optional("plot"), share_bar("plots", self._go_on) as advance:
                 save_plots(results.budget, folder / PLOTS, results.bead, progress=advance, only_missing=True)
+            with self._optional("card"):
+                save_card(folder / CARD, results, Answer.of(results, self._changes and self._changes.remedy))
             with self._optional("report"), share_bar("page", self._go_on) as advance:
                 video = folder / VIDEO if self._wanted.video else None
                 page = run_page(results, video, advance, self._changes, figures)
@@ -177,7 +181,7 @@ class Evaluation:
                     folder / VIDEO,
                     bead=results.bead,
                     label=job.name,
-                    verdict=results.verdict.headline,
+                    verdict=results.verdict,
                     progress=advance,
                 )
             except (NoOpenGLError, NoEncoderError, MissingPackageError) as error:
@@ -226,7 +230,7 @@ class Evaluation:
         from gantrysim.cli.improve import show_changes
         from gantrysim.remedy.improve import improve, worst_rows
         from gantrysim.remedy.outcome import Outcome
-        from gantrysim.remedy.report import change_section
+        from gantrysim.remedy.report import found_changes
 
         results = self.results
         with count_bar("improve") as advance:
@@ -243,7 +247,7 @@ class Evaluation:
                 fastest=False,
                 progress=progress,
             )
-        self._changes = change_section(improvement)
+        self._changes = found_changes(improvement)
         show_changes(improvement)
 
     @contextmanager

@@ -11,8 +11,9 @@ from gantrysim.compare.runs.runs_page import RunComparison, checks_table, compar
 from gantrysim.job.job import Job
 from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.improve import improve, worst_rows
-from gantrysim.remedy.improvement import USAGE, Improvement
+from gantrysim.remedy.improvement import USAGE, Improvement, names_of
 from gantrysim.remedy.outcome import Outcome
+from gantrysim.report.answer import Changes, Remedy
 from gantrysim.report.document import Section, Table
 from gantrysim.results.checks import PASS
 from gantrysim.results.verdict import Verdict
@@ -21,14 +22,19 @@ TITLE = "What to change"
 NAMES = ("before", "after")
 
 
-def changes_of(job: Job, verdict: Verdict) -> Section | None:
-    """Return the section for the two worst rows of the verdict on a job's run.
+def changes_of(job: Job, verdict: Verdict) -> Changes | None:
+    """Return what to change for the two worst rows of the verdict on a job's run.
 
     None for a verdict that is a pass, and for a run with faults, whose cause is known.
     """
     if verdict.state == PASS or verdict.unjudged or job.faults:
         return None
-    return change_section(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False, by_place=False))
+    return found_changes(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False, by_place=False))
+
+
+def found_changes(improvement: Improvement) -> Changes:
+    """Return what to change, for a run's page."""
+    return Changes(remedy_of(improvement), change_section(improvement))
 
 
 def change_section(improvement: Improvement) -> Section:
@@ -61,6 +67,25 @@ def change_section(improvement: Improvement) -> Section:
         tables.append(Table(improvement.heads, rows, _caption(USAGE), folded=title))
     lines = "\n".join(f"# {place}\n{text.rstrip()}\n" for place, text in improvement.lines.items())
     return Section(TITLE, texts, table=tables or None, code=lines or None)
+
+
+def remedy_of(improvement: Improvement) -> Remedy:
+    """Return what to change for the first screen: the levers, the lines to paste, and the verdict that they lead to."""
+    if not improvement.changes_anything:
+        return Remedy(_caption(improvement.sentence))
+    after = improvement.improved
+    costs = "; ".join(dict.fromkeys(trial.lever.cost for trial in improvement.combination if trial.lever.cost))
+    before = f"{improvement.before.duration:.2f}"
+    time = f"{improvement.after.duration:.2f} s" + (
+        f" instead of {before} s" if before != f"{improvement.after.duration:.2f}" else ", as before"
+    )
+    outcome = f"{after.headline}; {time}"
+    lines = improvement.lines
+    return Remedy(
+        _caption(f"{names_of(improvement.combination)}."),
+        f"{outcome}. Costs: {costs}." if costs else f"{outcome}.",
+        lines.get("job file") or lines.get("command line", ""),
+    )
 
 
 def _caption(text: str) -> str:

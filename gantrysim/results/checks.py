@@ -15,7 +15,8 @@ FAIL = "fail"
 UNJUDGED = "not judged"
 
 SYMBOLS = {PASS: "✓", WARN: "!", FAIL: "✗", UNJUDGED: "–"}
-_ORDER = (PASS, UNJUDGED, WARN, FAIL)
+# of states, from the best
+ORDER = (PASS, UNJUDGED, WARN, FAIL)
 
 NEAR_LIMIT = 0.8  # share of the limit from which a value that keeps it is a warning
 _ROUNDING = 1e-9  # relative
@@ -23,7 +24,7 @@ _ROUNDING = 1e-9  # relative
 
 def worst(states: list[str]) -> str:
     """Return the worst of some states; what is not judged is worse than a pass."""
-    return max(states, key=_ORDER.index, default=UNJUDGED)
+    return max(states, key=ORDER.index, default=UNJUDGED)
 
 
 @dataclass(frozen=True)

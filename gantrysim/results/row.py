@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, Check, worst
+from gantrysim.results.checks import FAIL, ORDER, PASS, SYMBOLS, UNJUDGED, Check, worst
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,18 @@ class Row:
     def symbol(self) -> str:
         """The state as a shape."""
         return SYMBOLS[self.state]
+
+    @property
+    def worst_check(self) -> Check | None:
+        """The check that the row's state is due to; None where no check is judged, or the remark says why it fails."""
+        judged = [check for check in self.checks if check.state == self.state]
+        return None if self.state == UNJUDGED else next(iter(judged), None)
+
+    @property
+    def severity(self) -> tuple[int, float]:
+        """Order of rows by what is worst: by state, then by the largest share of a limit that a check uses."""
+        usages = [check.usage for check in self.checks if not math.isnan(check.usage)]
+        return ORDER.index(self.state), math.inf if self.fails_without_check else max(usages, default=0.0)
 
     @property
     def fails_without_check(self) -> bool:

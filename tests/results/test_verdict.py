@@ -486,3 +486,48 @@ def test_errors_that_contradict_one_another_are_not_judged_and_blame_nothing():
     assert {row.state for row in verdict.rows} == {"not judged"}
     assert burden_of(verdict) == math.inf
     assert (verdict.content()["contradiction"], verdict.content()["fault"]) == (reason, None)
+
+
+def _row(name, *usages, at=None, remark="", state=None):
+    """A row of checks with a limit of 1 each, at times `at`."""
+    times = at or [None] * len(usages)
+    checks = [
+        Check(
+            name=f"{name} {k}", quantity=name, value=usage, limit=1.0, unit="mm", source="given", place=Place(time=time)
+        )
+        for k, (usage, time) in enumerate(zip(usages, times, strict=True))
+    ]
+    row = Row.of(name, checks, remark)
+    return row if state is None else replace(row, state=state)
+
+
+def test_the_worst_row_is_the_failing_one_that_uses_most_of_its_limit():
+    rows = (_row("path", 1.2, 0.1, at=[3.0, 2.0]), _row("glue", 1.1, 5.0, at=[1.0, 4.0]), _row("stability", 0.9))
+    verdict = Verdict(rows)
+    assert verdict.worst_row.name == "glue"
+    assert (verdict.worst_check.value, verdict.worst_place.time) == (5.0, 4.0)
+
+
+def test_a_warning_is_told_only_where_nothing_fails_and_a_pass_has_no_worst_row_but_a_place():
+    warns = Verdict((_row("path", 0.9, at=[3.0]), _row("glue", 0.95, at=[1.0])))
+    assert warns.worst_row.name == "glue"
+    passes = Verdict((_row("path", 0.5, at=[3.0]), _row("glue", 0.4, at=[1.0])))
+    assert passes.worst_row is None
+    assert passes.worst_check is None
+    assert passes.worst_place.time == 3.0
+    fails = Verdict((_row("path", 1.01, at=[3.0]), _row("glue", 0.95, at=[1.0])))
+    assert fails.worst_row.name == "path"
+
+
+def test_stability_has_no_place_so_that_the_next_row_gives_it():
+    verdict = Verdict((_row("path", 1.5, at=[3.0]), _row("stability", math.inf)))
+    assert verdict.worst_row.name == "stability"
+    assert verdict.worst_place.time == 3.0
+
+
+def test_a_row_that_fails_by_its_remark_alone_is_the_worst_without_a_check():
+    verdict = Verdict((_row("path", 1.5, at=[3.0]), _row("glue", 0.2, at=[1.0], remark="no glue", state="fail")))
+    assert verdict.worst_row.name == "glue"
+    assert verdict.worst_check is None
+    unjudged = Verdict((Row("path"), Row("glue")), fault="x exceeded its limit")
+    assert (unjudged.worst_row, unjudged.worst_check, unjudged.worst_place) == (None, None, None)
