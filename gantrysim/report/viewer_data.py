@@ -239,7 +239,7 @@ class ViewerData:
     @cached_property
     def _tolerance(self) -> Tolerance:
         """The job's tolerances, also of a run that is not judged, for its colours."""
-        return self.results.job.limits(self.results.budget.analysis.run.face)
+        return self.results.basis.limits(self.results.budget.analysis.run.face)
 
     @property
     def _width_tolerance(self) -> float:
