@@ -11,9 +11,11 @@ from gantrysim.compare.runs.runs_page import RunComparison, checks_table, compar
 from gantrysim.job.job import Job
 from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.improve import improve, worst_rows
-from gantrysim.remedy.improvement import USAGE, Improvement
+from gantrysim.remedy.improvement import USAGE, Improvement, options
+from gantrysim.remedy.lever import FREE
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.report.document import Section, Table
+from gantrysim.report.proposal import Proposal
 from gantrysim.results.checks import PASS
 from gantrysim.results.verdict import Verdict
 
@@ -21,14 +23,40 @@ TITLE = "What to change"
 NAMES = ("before", "after")
 
 
-def changes_of(job: Job, verdict: Verdict) -> Section | None:
-    """Return the section for the two worst rows of the verdict on a job's run.
+def changes_of(job: Job, verdict: Verdict) -> Proposal | None:
+    """Return what to change for the two worst rows of the verdict on a job's run.
 
     None for a verdict that is a pass, and for a run with faults, whose cause is known.
     """
     if verdict.state == PASS or verdict.unjudged or job.faults:
         return None
-    return change_section(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False, by_place=False))
+    return proposal_of(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False, by_place=False))
+
+
+def proposal_of(improvement: Improvement) -> Proposal:
+    """Return what to change, in brief and as the section of a page."""
+    before = improvement.before
+    after = improvement.after
+    changed = improvement.changes_anything
+    costs = dict.fromkeys(trial.lever.cost for trial in improvement.combination if trial.lever.cost != FREE)
+    time = f"{before.duration:.2f} s → {after.duration:.2f} s"
+    return Proposal(
+        sentence=improvement.sentence,
+        cost="; ".join([*costs, time]) if changed else "",
+        options=tuple(options(improvement.base, improvement.job)) if changed else (),
+        lines=improvement.lines.get("job file", ""),
+        then=_then(improvement) if changed else "",
+        passes=changed and after.passes,
+        section=change_section(improvement),
+    )
+
+
+def _then(improvement: Improvement) -> str:
+    """Return the verdict after the changes, with the values of the rows that do not pass without them."""
+    verdict = improvement.improved
+    bad = [row.name for row in improvement.verdict.rows if row.state != PASS]
+    rows = [row for row in verdict.rows if row.checks and (row.name in bad or row.state != PASS)]
+    return f"{verdict.headline}; {', '.join(f'{row.name}: {row.checks[0].brief}' for row in rows)}"
 
 
 def change_section(improvement: Improvement) -> Section:

@@ -1,4 +1,4 @@
-"""The headline of a run: its contour error, where it lies, and its main cause; or the faults that spoilt it."""
+"""The headline of a run: what spoils it, by how much and where, and its main cause; or the faults that spoilt it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from gantrysim.job.causes import Causes, Effect
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, LAG
+from gantrysim.results.run_results import RunResults
+from gantrysim.results.verdict import GLUE, PATH
 
 NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 
@@ -20,7 +22,24 @@ _MAIN_CAUSE = 0.5
 _LEAST_WORTH = 1e-4  # below it effects are numerical noise [mm]
 
 
-def headline(budget: Budget, causes: Causes | None = None) -> str:
+def headline(results: RunResults) -> str:
+    """Return what spoils a run: the worst check of the row that is worst, with its cause; else the contour error.
+
+    Of the path it is `contour_sentence`, as of a run that passes, and of one with faults, which says what happened.
+    """
+    verdict = results.verdict
+    row = verdict.worst_row
+    if row is None or row.name == PATH or verdict.unjudged or verdict.disturbances:
+        return contour_sentence(results.budget, results.causes)
+    check = row.worst_check
+    if check is None:
+        return f"{row.name.capitalize()}: {row.remark}."
+    place = check.place.brief
+    remark = f" {row.remark[0].upper()}{row.remark[1:]}." if row.remark and row.name != GLUE else ""
+    return f"{row.name.capitalize()}: {check.brief}{f', {place}' if place else ''}.{remark}"
+
+
+def contour_sentence(budget: Budget, causes: Causes | None = None) -> str:
     """Return the contour error with the link that has the largest share, and the error along the path if larger.
 
     Where the causes are known, it names the one that is worth at least half of the error, or says that there is none.

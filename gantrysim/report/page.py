@@ -17,6 +17,7 @@ from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import DrawnPage, draw_page
 from gantrysim.report.figures import Figures
 from gantrysim.report.headline import headline
+from gantrysim.report.proposal import Proposal
 from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
     bead_section,
@@ -61,14 +62,9 @@ def verdict_section(verdict: Verdict) -> Section:
     """Return the section of the verdict: a row per value that it shows."""
     if verdict.unjudged:
         return Section("Verdict", verdict.headline)
-    rows = [
-        [f"{row.symbol} {row.state}" if k == 0 else "", row.name if k == 0 else "", text]
-        for row in verdict.rows
-        for k, text in enumerate(row.texts)
-    ]
     caption = "A value above 80 % of its limit is a warning; limits are given by [tolerance] in the job, or defaults"
     return Section(
-        "Verdict", verdict.headline, table=Table(["verdict", "of", "worst value and its limit"], rows, caption)
+        "Verdict", verdict.headline, table=Table(["verdict", "of", "worst value and its limit"], verdict.cells, caption)
     )
 
 
@@ -184,7 +180,7 @@ def run_page(
     results: RunResults,
     video: str | os.PathLike[str] | None = None,
     progress: Callable[[float], None] | None = None,
-    changes: Section | None = None,
+    changes: Proposal | None = None,
     figures: Mapping[str, Figures] | None = None,
 ) -> DrawnPage:
     """Return the report of a run with its figures drawn, ready to be written.
@@ -193,7 +189,7 @@ def run_page(
         results: of the run, with its bead.
         video: MP4 file that is included where it exists when the page is written.
         progress: called with the completed share.
-        changes: section on what to change in the job, which a room above this one makes.
+        changes: what to change in the job, which a room above this one finds.
         figures: of `sections_with_figures` of these results, drawn ahead; None to draw them here.
     """
     run = results.budget.analysis.run
@@ -221,7 +217,7 @@ def sections_with_figures(results: RunResults) -> list[Section]:
     return [section for section in in_order(run_sections(results)) if section.has_figures]
 
 
-def run_sections(results: RunResults, video: Path | None = None, changes: Section | None = None) -> Iterator[Section]:
+def run_sections(results: RunResults, video: Path | None = None, changes: Proposal | None = None) -> Iterator[Section]:
     """Yield the sections of a run's report, see `run_page`."""
     job = results.job
     machine = results.machine
@@ -230,14 +226,14 @@ def run_sections(results: RunResults, video: Path | None = None, changes: Sectio
     analysis = budget.analysis
     run = analysis.run
     yield verdict_section(results.verdict)
-    yield Section("Summary", headline(budget, results.causes), facts=summary_facts(budget))
+    yield Section("Summary", headline(results), facts=summary_facts(budget))
     if run.injected:
         yield faults_section(run, results.losses)
     yield budget_section(budget, machine)
     if results.causes is not None:
         yield causes_section(results.causes)
     if changes is not None:
-        yield changes
+        yield changes.section
     if results.scatter is not None:
         yield scatter_section(results.scatter)
     yield path_section(results, video)

@@ -14,15 +14,15 @@ from gantrysim.job.losses import Losses
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
-from gantrysim.report.document import Section
 from gantrysim.report.figures import figures_ahead
-from gantrysim.report.folder import PLOTS, REPORT, output_folder, write_fault, write_run
+from gantrysim.report.folder import PLOTS, REPORT, output_folder, write_fault, write_run, write_summary
 from gantrysim.report.page import run_page, sections_with_figures
 from gantrysim.report.plots import save_plots
+from gantrysim.report.proposal import Proposal
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 
-Changes = Callable[[Job, Verdict], Section | None]
+Changes = Callable[[Job, Verdict], Proposal | None]
 
 
 def write_report(
@@ -40,7 +40,7 @@ def write_report(
         run: the record.
         folder: to write to; files of an earlier run are replaced.
         causes: whether to run the job again with one cause of error at a time switched off.
-        changes: returns the page's section on what to change in the job, from the verdict on its run; None for none.
+        changes: returns what to change in the job, from the verdict on its run; None for none.
         progress: as in `simulate`.
 
     Returns:
@@ -58,8 +58,10 @@ def write_report(
         write_run(scratch, results)
         figures = figures_ahead(sections_with_figures(results), scratch / PLOTS)
         save_plots(results.budget, scratch / PLOTS, bead=results.bead, only_missing=True)
-        section = None if changes is None else changes(job, results.verdict)
-        run_page(results, None, advance, section, figures).write(scratch / REPORT)
+        proposal = None if changes is None else changes(job, results.verdict)
+        if proposal is not None:
+            write_summary(scratch, results, proposal)
+        run_page(results, None, advance, proposal, figures).write(scratch / REPORT)
     return target / REPORT
 
 

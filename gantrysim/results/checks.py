@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from gantrysim.base.quantity import Quantity, number_text
@@ -55,6 +55,11 @@ class Place:
         if self.line is not None:
             parts.append(f"line {self.line}")
         return ", ".join(parts)
+
+    @property
+    def brief(self) -> str:
+        """Axis, time and line, without the point; empty where none is known."""
+        return str(replace(self, point=None))
 
     def content(self) -> dict[str, Any]:
         """Return the place for JSON."""

@@ -1,0 +1,90 @@
+"""The answer of a run on one screen: verdict, what spoils it, the best change with its cost, and where the page is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from gantrysim.cli.terminal import joined, say, show
+from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN
+from gantrysim.results.row import Row
+from gantrysim.results.verdict import Verdict
+
+LONGEST = 25  # lines of 80 columns
+
+_STYLES = {PASS: "green", WARN: "yellow", FAIL: "bold red", UNJUDGED: ""}
+_PASTED = 8  # lines to paste; more are left to `gantrysim show FOLDER levers`
+_INDENT = "  "
+
+
+def show_verdict(verdict: Verdict) -> None:
+    """Print the verdict: a line for each row, or why none is judged."""
+    heading = Text(f"verdict {verdict.headline}", _STYLES[verdict.state])
+    if verdict.unjudged:
+        say(f"verdict {verdict.headline}", wrap=True)
+        return
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    show(heading)
+    for row in verdict.rows:
+        table.add_row(Text(f"{row.symbol} {row.state}", _STYLES[row.state]), row.name, Text(joined(_row_text(row))))
+    show(table)
+
+
+def _row_text(row: Row) -> str:
+    """Return the worst check of a row with its place, or what else there is to say."""
+    check = row.worst_check
+    if check is None:
+        return row.texts[0] if row.texts else ""
+    place = check.place.brief if row.state != PASS else ""
+    return f"{check.brief}{f': {place}' if place else ''}"
+
+
+def show_cause(headline: str) -> None:
+    """Print what spoils a run."""
+    _show_rows([("cause", headline)])
+
+
+def show_change(changes: Mapping[str, Any], folder: str) -> None:
+    """Print the best change with what it costs, the lines to paste, and the verdict with it.
+
+    Args:
+        changes: see `gantrysim.report.proposal.Proposal.content`.
+        folder: of the run.
+    """
+    _show_rows([("change", changes["sentence"]), *([("cost", changes["cost"])] if changes["cost"] else [])])
+    lines = list(_option_lines(changes["options"])) or changes["lines"].rstrip().splitlines()
+    if len(lines) > _PASTED:
+        _show_rows([("paste", f"{len(lines)} lines: gantrysim show {folder} levers")])
+    elif lines:
+        say(f"paste into the {'command line' if changes['options'] else 'job file'}:")
+        say("\n".join(_INDENT + line for line in lines))
+    if changes["then"]:
+        _show_rows([("then", changes["then"])])
+
+
+def _option_lines(options: Sequence[str], width: int = 76) -> Iterator[str]:
+    """Yield options on lines of a shell, each but the last continued."""
+    line = ""
+    for option in options:
+        if line and len(line) + 1 + len(option) > width:
+            yield f"{line} \\"
+            line = option
+        else:
+            line = f"{line} {option}".strip()
+    if line:
+        yield line
+
+
+def _show_rows(rows: Sequence[tuple[str, str]]) -> None:
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True, style="bold", width=7)
+    table.add_column(overflow="fold")
+    for name, text in rows:
+        table.add_row(name, Text(joined(text)))
+    show(table)
