@@ -26,6 +26,7 @@ from gantrysim.report.folder import PLOTS, REPORT, VIDEO, write_run, write_summa
 from gantrysim.report.headline import headline
 from gantrysim.report.summary import sections_in_text
 from gantrysim.results.checks import FAIL, PASS
+from gantrysim.results.glue_causes import glue_causes_of
 from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:
@@ -244,7 +245,10 @@ class Evaluation:
         else:
             with share_bar("causes", self._go_on) as advance:
                 causes = causes_of(self.results.job, progress=advance, budget=self.results.budget)
-            self.results = replace(self.results, causes=causes)
+            bead = self.results.bead
+            with stage("causes of the glue's error"):
+                glue_causes = None if bead is None else glue_causes_of(self.results.job, bead)
+            self.results = replace(self.results, causes=causes, glue_causes=glue_causes)
 
     def _find_scatter(self, repeat: int) -> None:
         """Run the job again with other zeros of its encoders, to find how far its figures scatter."""

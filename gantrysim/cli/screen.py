@@ -58,7 +58,7 @@ def show_change(changes: Mapping[str, Any], folder: str) -> None:
         folder: of the run.
     """
     _show_rows([("change", changes["sentence"]), *([("cost", changes["cost"])] if changes["cost"] else [])])
-    lines = list(_option_lines(changes["options"])) or changes["lines"].rstrip().splitlines()
+    lines = list(option_lines(changes["options"])) or changes["lines"].rstrip().splitlines()
     if len(lines) > _PASTED:
         _show_rows([("paste", f"{len(lines)} lines: gantrysim show {folder} levers")])
     elif lines:
@@ -68,10 +68,11 @@ def show_change(changes: Mapping[str, Any], folder: str) -> None:
         _show_rows([("then", changes["then"])])
 
 
-def _option_lines(options: Sequence[str], width: int = 76) -> Iterator[str]:
+def option_lines(options: Sequence[str], width: int = 76) -> Iterator[str]:
     """Yield options on lines of a shell, each but the last continued."""
     line = ""
-    for option in options:
+    for word in options:
+        option = word if word.startswith("--") else f"--{word}"
         if line and len(line) + 1 + len(option) > width:
             yield f"{line} \\"
             line = option

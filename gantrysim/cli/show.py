@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gantrysim.base.errors import InputError, expanded, unknown
-from gantrysim.cli.terminal import say, show, text_table
+from gantrysim.cli.screen import option_lines, show_cause, show_change, show_verdict
+from gantrysim.cli.terminal import fits, is_prose_column, say, show, text_table
 
 if TYPE_CHECKING:
     from gantrysim.results.run_results import RunResults
 
 # of a run, in their order; those that a run does not have are left out of `-v`
-ASPECTS = ("verdict", "budget", "figures", "faults", "causes", "scatter", "notes", "levers")
+ASPECTS = ("verdict", "budget", "figures", "faults", "causes", "glue-causes", "scatter", "notes", "levers")
+
+_MANY = 4  # columns
 
 
 def show_run(
@@ -33,7 +36,6 @@ def show_run(
 
     Exit status: 0, 2 for bad input.
     """
-    from gantrysim.cli.screen import show_cause, show_change, show_verdict
     from gantrysim.report.folder import REPORT, SUMMARY
     from gantrysim.report.saved import SavedRun
 
@@ -69,6 +71,7 @@ def show_run(
 _MISSING = {
     "faults": "the job has no deliberate faults",
     "causes": "gantrysim run --causes finds them",
+    "glue-causes": "the glue passes, or gantrysim run --causes finds them",
     "scatter": "gantrysim run --repeat 16 finds it",
     "levers": "gantrysim run --improve simulates them where the verdict is no pass",
 }
@@ -97,7 +100,7 @@ def show_aspect(name: str, results: RunResults, sections: Mapping[str, Any]) -> 
         return True
     if name not in sections:
         return False
-    _show_section(sections[name])
+    show_section(sections[name])
     return True
 
 
@@ -146,7 +149,7 @@ _OF_RECORD: dict[str, Callable[[RunResults], None]] = {
 }
 
 
-def _show_section(section: Mapping[str, Any]) -> None:
+def show_section(section: Mapping[str, Any]) -> None:
     """Print a section of a page, see `gantrysim.report.document.Section.content`."""
     say(section["title"])
     for paragraph in section["text"]:
@@ -154,6 +157,18 @@ def _show_section(section: Mapping[str, Any]) -> None:
     if section["facts"]:
         show(text_table(("", "", ""), section["facts"], (False, True, False), ""))
     for table in section["tables"]:
-        show(text_table(table["heads"], table["rows"], table["numeric"], table["caption"] or ""))
-    if section["code"]:
-        say(section["code"].rstrip())
+        _show_table(table["heads"], table["rows"], table["numeric"], table["caption"] or "")
+    for line in (section["code"] or "").rstrip().splitlines():
+        say("\n".join(option_lines(line.split(" --"))) if line.startswith("--") else line)
+
+
+def _show_table(heads: list[str], rows: list[list[str]], numeric: list[bool], caption: str) -> None:
+    """Print a table; prose in its last column stands below it where the terminal is too narrow for it."""
+    table = text_table(heads, rows, numeric, caption)
+    if fits(table) or len(heads) < _MANY or not is_prose_column(rows, len(heads) - 1):
+        show(table)
+        return
+    show(text_table(heads[:-1], [row[:-1] for row in rows], numeric[:-1], caption))
+    for name, text in dict.fromkeys((row[0], row[-1]) for row in rows):
+        if text:
+            say(f"{name}: {text}", wrap=True)

@@ -86,14 +86,27 @@ def plain_table(content: PageTable) -> Table:
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], title: str) -> Table:
     """Return a table of texts for the terminal; columns of prose wrap."""
+    # a head stands above its unit
     table = Table(title=escape(title), title_justify="left", box=None, padding=(0, 1, 0, 0))
     for k, (head, is_number) in enumerate(zip(heads, numeric, strict=True)):
-        is_prose = not is_number and any(len(row[k]) > _LONGEST_CELL for row in rows)
+        is_prose = not is_number and is_prose_column(rows, k)
         justify: Literal["left", "right"] = "right" if is_number else "left"
-        table.add_column(escape(head.replace(", ", "\n")), justify=justify, no_wrap=not is_prose)
+        table.add_column(escape(head.replace(", ", "\n").replace(" [", "\n[")), justify=justify, no_wrap=not is_prose)
     for row in rows:
         table.add_row(*(escape(joined(cell)) for cell in row))
     return table
+
+
+def is_prose_column(rows: Sequence[Sequence[str]], column: int) -> bool:
+    """Return whether a column of a table has cells that wrap."""
+    return any(len(row[column]) > _LONGEST_CELL for row in rows)
+
+
+def fits(content: RenderableType) -> bool:
+    """Return whether a table fits the terminal with its longest words whole."""
+    if isinstance(content, Table):
+        _keep_words(content)
+    return _least_width(content) <= _output.width
 
 
 def show(content: RenderableType) -> None:
@@ -108,7 +121,7 @@ def show(content: RenderableType) -> None:
             content.padding = (0, 1, 0, 0)
         _widen_columns(content, _output.width - _least_width(content))
     width = _least_width(content)
-    _write(content, width=max(width, _output.width), crop=False)
+    _write(content, _output if width <= _output.width else Console(width=width, emoji=False), crop=False)
 
 
 def _least_width(content: RenderableType) -> int:
@@ -149,7 +162,7 @@ def _longest(column: RichColumn, wrapped: bool) -> int:
 def say(text: str, *, wrap: bool = False, end: str = "\n") -> None:
     """Print a text without markup, wrapped at the terminal's width where it is prose that no program reads."""
     plain = text.translate(_CONTROLS)
-    _write(escape(joined(plain)) if wrap else escape(plain), soft_wrap=not wrap, highlight=False, end=end)
+    _write(escape(joined(plain)) if wrap else escape(plain), _output, soft_wrap=not wrap, highlight=False, end=end)
 
 
 def joined(text: str) -> str:
@@ -157,10 +170,10 @@ def joined(text: str) -> str:
     return _NO_BREAK.sub(_JOINT, text)
 
 
-def _write(content: RenderableType, *, width: int | None = None, **options: Any) -> None:
-    """Write a renderable to the standard output, without spaces at the ends of lines."""
-    with _output.capture() as capture:
-        _output.print(content, width=width, **options)
+def _write(content: RenderableType, console: Console, **options: Any) -> None:
+    """Write what a console makes of a renderable to the standard output, without spaces at the ends of lines."""
+    with console.capture() as capture:
+        console.print(content, **options)
     _output.file.write(_TRAILING.sub(r"\1", capture.get()).replace(_JOINT, " "))
     _output.file.flush()
 

@@ -56,7 +56,7 @@ def _then(improvement: Improvement) -> str:
     verdict = improvement.improved
     bad = [row.name for row in improvement.verdict.rows if row.state != PASS]
     rows = [row for row in verdict.rows if row.checks and (row.name in bad or row.state != PASS)]
-    return f"{verdict.headline}; {', '.join(f'{row.name}: {row.checks[0].brief}' for row in rows)}"
+    return f"{verdict.headline}; {'; '.join(f'{row.name}: {row.checks[0].brief}' for row in rows)}"
 
 
 def change_section(improvement: Improvement) -> Section:
@@ -87,6 +87,7 @@ def change_section(improvement: Improvement) -> Section:
         rows = [improvement.rows[0], *improvement.trial_rows]
         title = f"Each lever alone: {len(improvement.trials)} runs"
         tables.append(Table(improvement.heads, rows, _caption(USAGE), folded=title))
+    texts += [f"Not tried, as {reason}: {names}." for reason, names in improvement.untried.items()]
     lines = "\n".join(f"# {place}\n{text.rstrip()}\n" for place, text in improvement.lines.items())
     return Section(TITLE, texts, table=tables or None, code=lines or None)
 

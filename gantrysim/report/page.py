@@ -12,7 +12,7 @@ from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.error_quantities import TORQUE_RIPPLE
-from gantrysim.report.causes import causes_section
+from gantrysim.report.causes import causes_section, glue_causes_section
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import DrawnPage, draw_page
 from gantrysim.report.figures import Figures
@@ -44,7 +44,16 @@ from gantrysim.servo.stability.margins import NO_LOOP, Margins
 # The order of a run's report: what one asks first comes first, details are folded.
 
 # is it good enough, where and how, what spoils it, what to change
-_FIRST = ("Verdict", "Deliberate faults", "Bead and path", "Summary", "Error budget", "Causes", "What to change")
+_FIRST = (
+    "Verdict",
+    "Deliberate faults",
+    "Bead and path",
+    "Summary",
+    "Error budget",
+    "Causes",
+    "Causes of the glue's error",
+    "What to change",
+)
 
 
 def in_order(sections: Iterable[Section]) -> list[Section]:
@@ -232,6 +241,8 @@ def run_sections(results: RunResults, video: Path | None = None, changes: Propos
     yield budget_section(budget, machine)
     if results.causes is not None:
         yield causes_section(results.causes)
+    if results.glue_causes is not None:
+        yield glue_causes_section(results.glue_causes)
     if changes is not None:
         yield changes.section
     if results.scatter is not None:

@@ -18,7 +18,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import DURATION, END_POINT
 from gantrysim.metrics.parts import ERROR_SIZES
 from gantrysim.record.run import Run
-from gantrysim.report.causes import causes_section, causes_summary
+from gantrysim.report.causes import causes_section, causes_summary, glue_causes_section, glue_causes_summary
 from gantrysim.report.document import Section
 from gantrysim.report.headline import headline
 from gantrysim.report.proposal import Proposal
@@ -38,6 +38,8 @@ def summary(results: RunResults, changes: Proposal | None = None) -> dict[str, A
         error_budget: by link, and as contour for the whole, the error normal to the path (`PartValues`); by axis its
             share of the servo part; by turn of a spiral the links' errors
         causes: by cause the errors without it, and its worth (`Effect`); null without --causes
+        glue_causes: by cause the checks of the glue without it, and its worth (`GlueCauses`); null where the glue
+            passes, and without --causes
         errors, motion, servo, bead: groups of `gantrysim.results.quantities`; bead is null without glue, a value null
             where the run has none or it is without bound
         unstable_axes: null where the margins are unknown
@@ -58,6 +60,7 @@ def summary(results: RunResults, changes: Proposal | None = None) -> dict[str, A
         "machine": results.machine.name,
         "error_budget": _budget(results.budget, results.machine),
         "causes": None if results.causes is None else causes_summary(results.causes),
+        "glue_causes": None if results.glue_causes is None else glue_causes_summary(results.glue_causes),
         **groups,
         "unstable_axes": _unstable(results),
         "notes": list(run_notes(job, run)),
@@ -77,6 +80,8 @@ def sections_in_text(results: RunResults, changes: Proposal | None) -> Iterator[
         yield "faults", faults_section(results.budget.analysis.run, results.losses)
     if results.causes is not None:
         yield "causes", causes_section(results.causes)
+    if results.glue_causes is not None:
+        yield "glue-causes", glue_causes_section(results.glue_causes)
     if results.scatter is not None:
         yield "scatter", scatter_section(results.scatter)
     if changes is not None:

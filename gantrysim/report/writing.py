@@ -19,6 +19,7 @@ from gantrysim.report.folder import PLOTS, REPORT, output_folder, write_fault, w
 from gantrysim.report.page import run_page, sections_with_figures
 from gantrysim.report.plots import save_plots
 from gantrysim.report.proposal import Proposal
+from gantrysim.results.glue_causes import glue_causes_of
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 
@@ -90,5 +91,6 @@ def results_of(job: Job, run: Run, causes: bool = True) -> RunResults:
         budget,
         bead,
         causes=causes_of(job, budget=budget) if wanted else None,
+        glue_causes=glue_causes_of(job, bead) if wanted else None,
         losses=losses,
     )

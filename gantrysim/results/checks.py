@@ -80,6 +80,7 @@ class Check:
         source: "given" for a limit of the job, "default" for any other.
         at_least: whether the value must be at least the limit, else at most.
         form: format of both.
+        label: name of the quantity whatever the value's sign; empty for `quantity`.
         place: of the worst value.
     """
 
@@ -91,6 +92,7 @@ class Check:
     source: str
     at_least: bool = False
     form: str = ".1f"
+    label: str = ""
     place: Place = field(default_factory=Place)
 
     @classmethod
@@ -115,6 +117,7 @@ class Check:
             source=bound.source,
             at_least=bound.at_least,
             form=quantity.form,
+            label=quantity.label,
             place=place or Place(),
         )
 
