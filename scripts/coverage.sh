@@ -2,7 +2,7 @@
 # Runs the tests with their coverage measured, in about twice their time, and writes the table of docs/validation.md.
 # Usage: bash scripts/coverage.sh [ARGUMENT OF PYTEST ...]
 set -euo pipefail
-source "$(dirname "${BASH_SOURCE[0]}")/setup.sh" test
+source "$(dirname "${BASH_SOURCE[0]}")/setup.sh" all test
 
 cd "$root"
 coverage erase

@@ -1,9 +1,10 @@
 # Sourced by demo.sh and test.sh: makes .venv beside the project and installs it, pinned by constraints.txt.
-# Usage: source setup.sh [EXTRA[,EXTRA ...]]. Leaves $root, .venv/bin first in $PATH, and in $installed "yes" where it
-# has installed now.
+# Usage: source setup.sh [EXTRA[,EXTRA ...] [GROUP]], extras and dependency group of pyproject.toml. Leaves $root,
+# .venv/bin first in $PATH, and in $installed "yes" where it has installed now.
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 extra=${1:+[$1]}
+group=${2:-}
 
 find_python() {
     local candidate
@@ -29,12 +30,18 @@ PATH="$root/.venv/bin:$PATH"
 # install again only where what is asked for has changed
 wanted=$(cat "$root/pyproject.toml" "$root/constraints.txt" "$root/gantrysim/__init__.py" | cksum)
 installed=
-stamp="$root/.venv/installed${1:+-$1}"
+stamp="$root/.venv/installed${1:+-$1}${group:+-$group}"
 if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
     echo "installing gantrysim$extra into .venv (the first time takes a minute or two)"
     # from within the folder: pip splits the constraints' path at spaces
-    (cd "$root" && PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 \
-        .venv/bin/python -m pip install --quiet --editable ".$extra")
+    (
+        cd "$root"
+        export PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1
+        if [ -n "$group" ]; then
+            .venv/bin/python -m pip install --quiet "pip>=25.1"  # the first that reads dependency groups
+        fi
+        .venv/bin/python -m pip install --quiet --editable ".$extra" ${group:+--group "$group"}
+    )
     echo "$wanted" >"$stamp"
     installed=yes
 fi

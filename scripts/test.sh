@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The whole check, as CI runs it: sets up .venv with the test tools, then ruff, mypy, import-linter and pytest.
 set -euo pipefail
-source "$(dirname "${BASH_SOURCE[0]}")/setup.sh" test
+source "$(dirname "${BASH_SOURCE[0]}")/setup.sh" all test
 
 # the pictures' tests need an OpenGL that renders without a display
 if ! python -c 'from ctypes.util import find_library as f; raise SystemExit(not (f("EGL") or f("OSMesa")))'; then

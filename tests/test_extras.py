@@ -14,7 +14,6 @@ from gantrysim.job.loading import builtin_jobs
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-DEVELOPMENT = {"docs", "test"}  # extras of this project's own work
 IMPORTED = {"distributed": "dask", "pil": "pillow"}  # packages that are imported by another name
 WITH = {"llvmlite": "numba", "markupsafe": "jinja2"}  # parts of a package, installed with it
 # modules that import packages of an extra at their top, and are themselves imported for that purpose alone
@@ -42,7 +41,7 @@ CORE = {distribution(requirement) for requirement in PROJECT["dependencies"]}
 EXTRAS = {
     name: {distribution(requirement) for requirement in requirements}
     for name, requirements in PROJECT["optional-dependencies"].items()
-    if name not in DEVELOPMENT | {"all"}
+    if name != "all"
 }
 EXTRAS["rl"] |= EXTRAS["learning"]  # gantrysim[learning]
 OPTIONAL = set().union(*EXTRAS.values()) - CORE - {"gantrysim"}
@@ -119,7 +118,7 @@ def test_what_needs_an_extra_names_one_that_there_is_and_the_purpose_after_it():
     assert [call for call in calls if call[1] not in EXTRAS or call[2].strip("'") in EXTRAS] == []
 
 
-def test_all_installs_every_extra_but_those_of_development():
+def test_all_installs_every_extra_but_those_of_gigabytes():
     (everything,) = PROJECT["optional-dependencies"]["all"]
     assert set(re.search(r"\[(.*)\]", everything)[1].split(",")) == set(EXTRAS) - GIGABYTES
 

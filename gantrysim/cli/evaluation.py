@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -22,7 +22,7 @@ from gantrysim.job.scatter import scatter_of
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
-from gantrysim.report.folder import PLOTS, REPORT, VIDEO, write_run, write_summary
+from gantrysim.report.folder import CARD, PLOTS, REPORT, VIDEO, write_run, write_summary
 from gantrysim.report.headline import headline
 from gantrysim.report.summary import sections_in_text
 from gantrysim.results.checks import FAIL, PASS
@@ -30,8 +30,8 @@ from gantrysim.results.glue_causes import glue_causes_of
 from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:
+    from gantrysim.report.answer import Changes
     from gantrysim.report.figures import Figures
-    from gantrysim.report.proposal import Proposal
 
 _LONG_RUN = "the run is long"
 
@@ -99,7 +99,7 @@ class Evaluation:
             bead = Bead(record, job.bead, analysis)
         self.results = RunResults(job, job.built_machine, budget, bead)
         self.failed: list[str] = []
-        self._proposal: Proposal | None = None
+        self._changes: Changes | None = None
         self._figures: dict[str, Figures] | None = None
         self._record = record
         self.wanted = wanted
@@ -125,7 +125,7 @@ class Evaluation:
 
     def show_details(self) -> None:
         """Print every aspect of the run that is known."""
-        sections = {name: section.content() for name, section in sections_in_text(self.results, self._proposal)}
+        sections = {name: section.content() for name, section in sections_in_text(self.results, self._changes)}
         for name in ASPECTS:
             show_aspect(name, self.results, sections)
 
@@ -143,9 +143,20 @@ class Evaluation:
                 self._figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)
             with self._optional("plot"), share_bar("plots", self._go_on) as advance:
                 save_plots(results.budget, folder / PLOTS, results.bead, progress=advance, only_missing=True)
+        self._write_card(folder)
         if self.wanted.video:
             self._film(folder)
         self._write_page(folder, folder / VIDEO)
+
+    def _write_card(self, folder: Path) -> None:
+        if not self.wanted.report:
+            return
+        from gantrysim.report.answer import Answer
+        from gantrysim.report.card import save_card
+
+        remedy = None if self._changes is None else self._changes.remedy
+        with self._optional("card"):
+            save_card(folder / CARD, self.results, Answer.of(self.results, remedy))
 
     def _write_page(self, folder: Path, video: Path) -> None:
         if not self.wanted.report:
@@ -154,7 +165,7 @@ class Evaluation:
 
         film = video if self.wanted.video else None
         with self._optional("report"), share_bar("page", self._go_on) as advance:
-            run_page(self.results, film, advance, self._proposal, self._figures).write(folder / REPORT)
+            run_page(self.results, film, advance, self._changes, self._figures).write(folder / REPORT)
 
     def propose(self, folder: Path) -> bool:
         """Simulate what may improve the two worst rows of a verdict that is no pass; return whether that is wanted.
@@ -169,7 +180,7 @@ class Evaluation:
             return False
         from gantrysim.remedy.improve import improve, worst_rows
         from gantrysim.remedy.outcome import Outcome
-        from gantrysim.remedy.report import proposal_of
+        from gantrysim.remedy.report import found_changes
 
         with count_bar("improve") as advance:
 
@@ -185,19 +196,20 @@ class Evaluation:
                 fastest=False,
                 progress=progress,
             )
-        self._proposal = proposal_of(improvement)
-        show_change(self._proposal.content(), str(folder))
+        self._changes = found_changes(improvement)
+        show_change(asdict(self._changes.remedy), str(folder))
         return True
 
     def write_proposal(self, scratch: Path, folder: Path) -> None:
-        """Write summary and page again, with what to change.
+        """Write summary, card and page again, with what to change.
 
         Args:
             scratch: folder to write to.
             folder: of the run, where the film is.
         """
-        write_summary(scratch, self.results, self._proposal)
+        write_summary(scratch, self.results, self._changes)
         if not self.failed:
+            self._write_card(scratch)
             self._write_page(scratch, expanded(folder) / VIDEO)
 
     def _film(self, folder: Path) -> None:
@@ -218,7 +230,7 @@ class Evaluation:
                     folder / VIDEO,
                     bead=results.bead,
                     label=job.name,
-                    verdict=results.verdict.headline,
+                    verdict=results.verdict,
                     progress=advance,
                 )
             except (NoOpenGLError, NoEncoderError, MissingPackageError) as error:

@@ -178,8 +178,9 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
         say(f"more: gantrysim show {folder} {' '.join(ASPECTS)}", wrap=True)
     if REPORT in written:
         say(str(folder / REPORT))
-    if record.fault is not None:
-        warn(str(record.fault), "fault")
+    fault = str(record.fault) if record.fault is not None else evaluation.results.verdict.stall if evaluation else ""
+    if fault:
+        warn(fault, "fault")
         raise typer.Exit(FAULT)
     if evaluation is not None and wanted.refuses(evaluation.results.verdict.state):
         raise typer.Exit(OUT_OF_TOLERANCE)

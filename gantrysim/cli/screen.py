@@ -54,18 +54,18 @@ def show_change(changes: Mapping[str, Any], folder: str) -> None:
     """Print the best change with what it costs, the lines to paste, and the verdict with it.
 
     Args:
-        changes: see `gantrysim.report.proposal.Proposal.content`.
+        changes: what `gantrysim.report.answer.Remedy` holds.
         folder: of the run.
     """
-    _show_rows([("change", changes["sentence"]), *([("cost", changes["cost"])] if changes["cost"] else [])])
+    _show_rows([("change", changes["sentence"])])
     lines = list(option_lines(changes["options"])) or changes["lines"].rstrip().splitlines()
     if len(lines) > _PASTED:
         _show_rows([("paste", f"{len(lines)} lines: gantrysim show {folder} levers")])
     elif lines:
         say(f"paste into the {'command line' if changes['options'] else 'job file'}:")
         say("\n".join(_INDENT + line for line in lines))
-    if changes["then"]:
-        _show_rows([("then", changes["then"])])
+    if changes["outcome"]:
+        _show_rows([("then", changes["outcome"]), ("", changes["values"])])
 
 
 def option_lines(options: Sequence[str], width: int = 76) -> Iterator[str]:

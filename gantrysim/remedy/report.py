@@ -11,11 +11,11 @@ from gantrysim.compare.runs.runs_page import RunComparison, checks_table, compar
 from gantrysim.job.job import Job
 from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.improve import improve, worst_rows
-from gantrysim.remedy.improvement import USAGE, Improvement, options
+from gantrysim.remedy.improvement import USAGE, Improvement, names_of, options
 from gantrysim.remedy.lever import FREE
 from gantrysim.remedy.outcome import Outcome
+from gantrysim.report.answer import Changes, Remedy
 from gantrysim.report.document import Section, Table
-from gantrysim.report.proposal import Proposal
 from gantrysim.results.checks import PASS
 from gantrysim.results.verdict import Verdict
 
@@ -23,40 +23,19 @@ TITLE = "What to change"
 NAMES = ("before", "after")
 
 
-def changes_of(job: Job, verdict: Verdict) -> Proposal | None:
+def changes_of(job: Job, verdict: Verdict) -> Changes | None:
     """Return what to change for the two worst rows of the verdict on a job's run.
 
     None for a verdict that is a pass, and for a run with faults, whose cause is known.
     """
     if verdict.state == PASS or verdict.unjudged or job.faults:
         return None
-    return proposal_of(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False, by_place=False))
+    return found_changes(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False, by_place=False))
 
 
-def proposal_of(improvement: Improvement) -> Proposal:
-    """Return what to change, in brief and as the section of a page."""
-    before = improvement.before
-    after = improvement.after
-    changed = improvement.changes_anything
-    costs = dict.fromkeys(trial.lever.cost for trial in improvement.combination if trial.lever.cost != FREE)
-    time = f"{before.duration:.2f} s → {after.duration:.2f} s"
-    return Proposal(
-        sentence=improvement.sentence,
-        cost="; ".join([*costs, time]) if changed else "",
-        options=tuple(options(improvement.base, improvement.job)) if changed else (),
-        lines=improvement.lines.get("job file", ""),
-        then=_then(improvement) if changed else "",
-        passes=changed and after.passes,
-        section=change_section(improvement),
-    )
-
-
-def _then(improvement: Improvement) -> str:
-    """Return the verdict after the changes, with the values of the rows that do not pass without them."""
-    verdict = improvement.improved
-    bad = [row.name for row in improvement.verdict.rows if row.state != PASS]
-    rows = [row for row in verdict.rows if row.checks and (row.name in bad or row.state != PASS)]
-    return f"{verdict.headline}; {'; '.join(f'{row.name}: {row.checks[0].brief}' for row in rows)}"
+def found_changes(improvement: Improvement) -> Changes:
+    """Return what to change, for a run's page."""
+    return Changes(remedy_of(improvement), change_section(improvement))
 
 
 def change_section(improvement: Improvement) -> Section:
@@ -90,6 +69,35 @@ def change_section(improvement: Improvement) -> Section:
     texts += [f"Not tried, as {reason}: {names}." for reason, names in improvement.untried.items()]
     lines = "\n".join(f"# {place}\n{text.rstrip()}\n" for place, text in improvement.lines.items())
     return Section(TITLE, texts, table=tables or None, code=lines or None)
+
+
+def remedy_of(improvement: Improvement) -> Remedy:
+    """Return what to change for the first screen: the levers, the lines to paste, and the verdict that they lead to."""
+    if not improvement.changes_anything:
+        return Remedy(_caption(improvement.sentence), sentence=improvement.sentence)
+    after = improvement.improved
+    costs = "; ".join(dict.fromkeys(trial.lever.cost for trial in improvement.combination if trial.lever.cost != FREE))
+    before = f"{improvement.before.duration:.2f}"
+    time = f"{improvement.after.duration:.2f} s" + (
+        f" instead of {before} s" if before != f"{improvement.after.duration:.2f}" else ", as before"
+    )
+    outcome = f"{after.headline}; {time}"
+    lines = improvement.lines
+    return Remedy(
+        _caption(f"{names_of(improvement.combination)}."),
+        f"{outcome}. Costs: {costs}." if costs else f"{outcome}.",
+        lines.get("job file") or lines.get("command line", ""),
+        tuple(options(improvement.base, improvement.job)),
+        improvement.sentence,
+        _values(improvement),
+    )
+
+
+def _values(improvement: Improvement) -> str:
+    """Return the worst values after the changes of the rows that do not pass without them, or with them."""
+    bad = [row.name for row in improvement.verdict.rows if row.state != PASS]
+    rows = [row for row in improvement.improved.rows if row.checks and (row.name in bad or row.state != PASS)]
+    return "; ".join(f"{row.name}: {row.checks[0].brief}" for row in rows)
 
 
 def _caption(text: str) -> str:

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import Quantity, number_text
-from gantrysim.report.plots.style import INK
+from gantrysim.results.colours import INK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from gantrysim.report.answer import Answer
     from gantrysim.report.plots.pictures import Plot
 
     Drawing: TypeAlias = Figure | Plot | Callable[[], Figure]
@@ -100,6 +101,7 @@ class Section:
         in_space: whether the viewer has a 3-D view, whose script is twice as large as the rest.
         still: figures that the viewer replaces on a screen; they remain in print and where scripts do not run.
         folded: whether only the heading is seen at first; on a page with a viewer, only where scripts run.
+        answer: what the first screen says of a run; its section also holds the viewer's first view.
     """
 
     title: str
@@ -113,6 +115,7 @@ class Section:
     in_space: bool = False
     still: Drawing | Sequence[Drawing] | None = None
     folded: bool = False
+    answer: Answer | None = None
 
     @property
     def has_figures(self) -> bool:

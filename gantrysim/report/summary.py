@@ -10,7 +10,7 @@ from importlib.metadata import version
 from typing import Any
 
 from gantrysim.base.quantity import contents
-from gantrysim.job.job import Job
+from gantrysim.job.basis import Basis
 from gantrysim.job.losses import happened_events
 from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
@@ -18,10 +18,10 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import DURATION, END_POINT
 from gantrysim.metrics.parts import ERROR_SIZES
 from gantrysim.record.run import Run
+from gantrysim.report.answer import Changes
 from gantrysim.report.causes import causes_section, causes_summary, glue_causes_section, glue_causes_summary
 from gantrysim.report.document import Section
 from gantrysim.report.headline import headline
-from gantrysim.report.proposal import Proposal
 from gantrysim.report.scatter import scatter_section, scatter_summary
 from gantrysim.report.sections import faults_section
 from gantrysim.results.quantities import GROUPS, LOSSES_GROUP
@@ -29,7 +29,7 @@ from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 
 
-def summary(results: RunResults, changes: Proposal | None = None) -> dict[str, Any]:
+def summary(results: RunResults, changes: Changes | None = None) -> dict[str, Any]:
     """Return the content of summary.json; a key's unit stands in its name, docs/values.md lists all values.
 
     Keys that need an explanation:
@@ -47,10 +47,10 @@ def summary(results: RunResults, changes: Proposal | None = None) -> dict[str, A
         injected: deliberate faults, whether the run came to them, and what they cost; null without any
         scatter: of runs with other zeros of the encoders; missing without --repeat
         headline: what spoils the run in a sentence or two; of a run with faults, what happened
-        changes: what to change in the job (`Proposal`); null where it was not looked for
+        changes: what to change in the job (`Remedy`); null where it was not looked for
         sections: sections of the page whose values took further runs, as text, by the names of `gantrysim show`
     """
-    job = results.job
+    job = results.basis
     run = results.budget.analysis.run
     groups = {group.name: group.contents(results) for group in GROUPS if group is not LOSSES_GROUP}
     scatter = {} if results.scatter is None else {"scatter": scatter_summary(results.scatter)}
@@ -67,14 +67,14 @@ def summary(results: RunResults, changes: Proposal | None = None) -> dict[str, A
         "fault": _fault(run),
         "injected": _injected_faults(run, LOSSES_GROUP.contents(results)),
         "headline": headline(results),
-        "changes": None if changes is None else changes.content(),
+        "changes": None if changes is None else asdict(changes.remedy),
         "sections": {name: section.content() for name, section in sections_in_text(results, changes)},
         "versions": versions(results.machine),
         **scatter,
     }
 
 
-def sections_in_text(results: RunResults, changes: Proposal | None) -> Iterator[tuple[str, Section]]:
+def sections_in_text(results: RunResults, changes: Changes | None) -> Iterator[tuple[str, Section]]:
     """Yield the sections that `gantrysim show` cannot make from the record, by their names there."""
     if results.budget.analysis.run.injected:
         yield "faults", faults_section(results.budget.analysis.run, results.losses)
@@ -88,7 +88,7 @@ def sections_in_text(results: RunResults, changes: Proposal | None) -> Iterator[
         yield "levers", changes.section
 
 
-def fault_summary(job: Job, machine: Machine, run: Run) -> dict[str, Any]:
+def fault_summary(job: Basis, machine: Machine, run: Run) -> dict[str, Any]:
     """Return the content of summary.json for a run that a fault ended before the dispenser was on: it has no errors."""
     return {
         "verdict": Verdict.of_fault(run).content(),
@@ -138,7 +138,7 @@ def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
 
 
 def _unstable(results: RunResults) -> list[str] | None:
-    if results.job.margins is None:
+    if results.basis.margins is None:
         return None
     return [name for name, loop in results.loops.items() if loop.margins is not None and not loop.margins.stable]
 

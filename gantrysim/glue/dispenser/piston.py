@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.glue.dispenser.pressurised import Line
 
@@ -74,6 +75,19 @@ class Piston:
     def limit(self) -> float:
         """Pressure at which the motor stalls [kPa]."""
         return _KILOPASCALS * (self.force - self.seal_friction) / self.unit
+
+    load: ClassVar[str] = "force"
+    load_unit: ClassVar[str] = "N"
+    speed_unit: ClassVar[str] = "mm/s"
+
+    @property
+    def strength_limit(self) -> float:
+        """Force of the motor [N]."""
+        return self.force
+
+    def effort(self, pressure: Floats) -> Floats:
+        """Return the force that pressures [kPa] take of the motor [N]."""
+        return self.seal_friction + pressure * self.unit / _KILOPASCALS
 
     @property
     def strength(self) -> str:

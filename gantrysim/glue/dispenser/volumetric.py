@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.glue.dispenser.pressurised import Line
 
@@ -61,6 +62,19 @@ class Pump:
     def limit(self) -> float:
         """Pressure at which the motor stalls, 2 pi torque / D [kPa]."""
         return _PER_TORQUE * self.torque / self.displacement
+
+    load: ClassVar[str] = "torque"
+    load_unit: ClassVar[str] = "N·m"
+    speed_unit: ClassVar[str] = "rev/s"
+
+    @property
+    def strength_limit(self) -> float:
+        """Torque of the shaft [N·m]."""
+        return self.torque
+
+    def effort(self, pressure: Floats) -> Floats:
+        """Return the torque that pressures [kPa] take of the shaft [N·m]."""
+        return pressure * self.displacement / _PER_TORQUE
 
     @property
     def strength(self) -> str:
