@@ -22,6 +22,7 @@ from gantrysim.job.scatter import scatter_of
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
+from gantrysim.report.answer import Answer
 from gantrysim.report.folder import CARD, PLOTS, REPORT, VIDEO, write_run, write_summary
 from gantrysim.report.headline import headline
 from gantrysim.report.summary import sections_in_text
@@ -113,9 +114,9 @@ class Evaluation:
     def find(self) -> None:
         """Print the verdict, run the job again for what is wanted of it, and print what spoils it."""
         record = self._record
-        with stage("figures"):
-            verdict = self.results.verdict
-        show_verdict(verdict)
+        with stage("verdict"):
+            answer = Answer.of(self.results)
+        show_verdict(answer)
         if record.injected:
             self._find_losses()
         self._find_causes()
@@ -151,7 +152,6 @@ class Evaluation:
     def _write_card(self, folder: Path) -> None:
         if not self.wanted.report:
             return
-        from gantrysim.report.answer import Answer
         from gantrysim.report.card import save_card
 
         remedy = None if self._changes is None else self._changes.remedy

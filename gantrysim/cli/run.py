@@ -140,7 +140,6 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
     """
     from gantrysim.base.memory import LONG_RUN
     from gantrysim.cli.evaluation import Evaluation
-    from gantrysim.cli.show import ASPECTS
     from gantrysim.job.causes import check_causes
     from gantrysim.job.cost import computing_time
     from gantrysim.job.scatter import check_repeats
@@ -175,7 +174,7 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
         warn(text, "error")
     say(f"written to {folder}/: {', '.join(written)}")
     if evaluation is not None and not wanted.verbose:
-        say(f"more: gantrysim show {folder} {' '.join(ASPECTS)}", wrap=True)
+        say(f"more: gantrysim show {folder} budget causes figures levers notes", wrap=True)
     if REPORT in written:
         say(str(folder / REPORT))
     fault = str(record.fault) if record.fault is not None else evaluation.results.verdict.stall if evaluation else ""

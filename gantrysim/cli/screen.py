@@ -9,40 +9,33 @@ from rich.table import Table
 from rich.text import Text
 
 from gantrysim.cli.terminal import joined, say, show
+from gantrysim.report.answer import Answer
 from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN
-from gantrysim.results.row import Row
-from gantrysim.results.verdict import Verdict
 
 LONGEST = 25  # lines of 80 columns
 
 _STYLES = {PASS: "green", WARN: "yellow", FAIL: "bold red", UNJUDGED: ""}
 _PASTED = 8  # lines to paste; more are left to `gantrysim show FOLDER levers`
 _INDENT = "  "
+_COLUMNS = ("state", "row")  # before the text
 
 
-def show_verdict(verdict: Verdict) -> None:
+def show_verdict(answer: Answer) -> None:
     """Print the verdict: a line for each row, or why none is judged."""
-    heading = Text(f"verdict {verdict.headline}", _STYLES[verdict.state])
-    if verdict.unjudged:
-        say(f"verdict {verdict.headline}", wrap=True)
+    heading = f"verdict {answer.headline}"
+    if not answer.rows:
+        say(heading, wrap=True)
         return
+    show(Text(heading, _STYLES[answer.state]))
     table = Table.grid(padding=(0, 2, 0, 0))
-    table.add_column(no_wrap=True)
-    table.add_column(no_wrap=True)
+    for _ in _COLUMNS:
+        table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
-    show(heading)
-    for row in verdict.rows:
-        table.add_row(Text(f"{row.symbol} {row.state}", _STYLES[row.state]), row.name, Text(joined(_row_text(row))))
+    for row in answer.rows:
+        where = f": {row.place}" if row.place and row.state != PASS else ""
+        state = Text(f"{row.symbol} {row.state}", _STYLES[row.state])
+        table.add_row(state, row.name, Text(joined(f"{row.text}{where}")))
     show(table)
-
-
-def _row_text(row: Row) -> str:
-    """Return the worst check of a row with its place, or what else there is to say."""
-    check = row.worst_check
-    if check is None:
-        return row.texts[0] if row.texts else ""
-    place = check.place.brief if row.state != PASS else ""
-    return f"{check.brief}{f': {place}' if place else ''}"
 
 
 def show_cause(headline: str) -> None:

@@ -36,6 +36,7 @@ def show_run(
 
     Exit status: 0, 2 for bad input.
     """
+    from gantrysim.report.answer import Answer
     from gantrysim.report.folder import REPORT, SUMMARY
     from gantrysim.report.saved import SavedRun
 
@@ -56,7 +57,7 @@ def show_run(
         return
     results = _results(saved)
     if not names:
-        show_verdict(results.verdict)
+        show_verdict(Answer.of(results))
         show_cause(summary["headline"])
         if summary["changes"] is not None:
             show_change(summary["changes"], str(run))

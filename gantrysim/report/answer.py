@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from gantrysim.report.headline import cause_sentences, glue_cause_sentences
+from gantrysim.report.headline import cause_sentences, glue_sentences
 from gantrysim.results.checks import PASS
 from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
@@ -112,8 +112,8 @@ def _spoilt(results: RunResults) -> str:
         return ""
     if row.name == PATH and results.causes is not None:
         return " ".join(cause_sentences(results.causes))
-    if row.name == GLUE and results.glue_causes is not None:
-        return " ".join(glue_cause_sentences(results.glue_causes))
+    if row.name == GLUE and (sentences := list(glue_sentences(row, results.glue_causes))):
+        return " ".join(sentences)
     check = row.worst_check
     if check is None:
         return f"{row.remark[0].upper()}{row.remark[1:]}."

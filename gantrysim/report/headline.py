@@ -11,9 +11,12 @@ from gantrysim.job.causes import Causes
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, LAG
+from gantrysim.results.glue import THROUGH_BEAD
 from gantrysim.results.glue_causes import GlueCauses
+from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import GLUE, PATH
+from gantrysim.results.verdict_quantities import PLOUGHED
 
 NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 
@@ -24,7 +27,7 @@ _MOST_OF_SQUARE = 0.5
 _CAUSE = 0.9
 _MAIN_CAUSE = 0.5
 _LEAST_WORTH = 1e-4  # below it effects are numerical noise [mm]
-_LEAST_OF_GLUE = 0.01  # likewise, of the limit
+_LEAST_OF_GLUE = 0.01  # likewise, of the limit or the value
 
 
 def headline(results: RunResults) -> str:
@@ -42,8 +45,9 @@ def headline(results: RunResults) -> str:
     place = check.place.brief
     remark = f" {row.remark[0].upper()}{row.remark[1:]}." if row.remark and row.name != GLUE else ""
     what = f"{row.name.capitalize()}: {check.brief}{f', {place}' if place else ''}.{remark}"
-    known = results.glue_causes if row.name == GLUE else None
-    return what if known is None else " ".join([what, *glue_cause_sentences(known)])
+    if row.name != GLUE:
+        return what
+    return " ".join([what, *glue_sentences(row, results.glue_causes)])
 
 
 def contour_sentence(budget: Budget, causes: Causes | None = None) -> str:
@@ -85,6 +89,18 @@ def cause_sentences(causes: Causes) -> Iterator[str]:
         yield f"Not known, as the run without it failed: {', '.join(failed)}."
 
 
+def glue_sentences(row: Row, causes: GlueCauses | None) -> Iterator[str]:
+    """Yield what causes the worst value of a row on the glue, where it is known.
+
+    A needle that passes through its bead is no matter of the dispenser: the row's remark says what it does.
+    """
+    check = row.worst_check
+    if check is not None and check.name == PLOUGHED.name:
+        yield f"{row.remark[row.remark.find(THROUGH_BEAD) :].capitalize()}."
+    elif causes is not None:
+        yield from glue_cause_sentences(causes)
+
+
 def glue_cause_sentences(causes: GlueCauses) -> Iterator[str]:
     """Yield what causes the worst value of the glue, as `cause_sentences`."""
     check = causes.check
@@ -96,7 +112,9 @@ def glue_cause_sentences(causes: GlueCauses) -> Iterator[str]:
         if not math.isnan(causes.worth(effect))
     ]
     unit = f" {check.unit}" if check.unit else ""
-    yield _main_cause(worths, lambda value: f"{number_text(value, check.form)}{unit}", _LEAST_OF_GLUE * check.limit)
+    yield _main_cause(
+        worths, lambda value: f"{number_text(value, check.form)}{unit}", _LEAST_OF_GLUE * max(check.limit, check.value)
+    )
     if failed := [effect.cause.name for effect in causes.effects if effect.failure]:
         yield f"Not known: {', '.join(failed)}."
 

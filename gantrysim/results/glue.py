@@ -31,6 +31,7 @@ from gantrysim.results.verdict_quantities import (
 PlaceAt = Callable[[int], Place]  # place of a tick of the run
 
 GLUE = "glue"
+THROUGH_BEAD = "needle through its own bead"
 
 # of the requested distance of the turns: beyond it, links that climb are longer than the distance asked in plan view
 _LEVEL = 0.01
@@ -224,7 +225,7 @@ def _ploughing_remarks(ploughing: Ploughing, bead: Bead) -> Iterator[str]:
     passes = f"{ploughing.passes} pass{'' if ploughing.passes == 1 else 'es'}"
     below = PLOUGHED_DEPTH.number(ploughing.depth) != "0"
     depth = f"up to {PLOUGHED_DEPTH.text(ploughing.depth)} below its top" if below else "touching its top"
-    yield f"needle through its own bead: {passes}, {depth}; {_remedy(ploughing.tick, bead)}"
+    yield f"{THROUGH_BEAD}: {passes}, {depth}; {_remedy(ploughing.tick, bead)}"
 
 
 def _remedy(tick: int, bead: Bead) -> str:
