@@ -181,7 +181,7 @@ class Evaluation:
                     folder / VIDEO,
                     bead=results.bead,
                     label=job.name,
-                    verdict=results.verdict.headline,
+                    verdict=results.verdict,
                     progress=advance,
                 )
             except (NoOpenGLError, NoEncoderError, MissingPackageError) as error:

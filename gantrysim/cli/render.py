@@ -101,7 +101,7 @@ def render(
                     raise InputError(f"run {run.folder}: has been run again meanwhile: render it again")
 
         takes = [
-            Take(run.machine, run.run, name, run.job.bead, run.run.verdict_headline)
+            Take(run.machine, run.run, name, run.job.bead, run.run.known_verdict)
             for run, name in zip(runs, names, strict=True)
         ]
         with Film(takes, camera=camera, size=pixels, colour=colour, true_width=true_width) as film:

@@ -20,7 +20,7 @@ from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
-from gantrysim.render.colours import default_colour, scale_for
+from gantrysim.render.colours import chosen_colour, scale_for
 from gantrysim.render.encoding import Picture, film_rate, film_writer, save_picture
 from gantrysim.render.flight import Sight
 from gantrysim.render.fonts import PAPER, rgb
@@ -30,6 +30,7 @@ from gantrysim.render.opengl import Closing
 from gantrysim.render.panel import Panel, run_colours
 from gantrysim.render.renderer import BEAD, Renderer, checked_size
 from gantrysim.render.telemetry import Telemetry
+from gantrysim.results.verdict import Verdict
 
 # How many times as wide as it is a thin bead is drawn, so that it is seen in a picture that holds all of it.
 
@@ -107,14 +108,14 @@ class Take:
     Attributes:
         label: of the run; by default its machine's name.
         bead: settings of the bead, or the bead itself, which is then not computed again.
-        verdict: headline of the verdict on the run, shown above its picture; empty for none.
+        verdict: on the run, shown above its picture; by default the run's own, which takes a moment to find.
     """
 
     machine: Machine
     run: Run
     label: str = ""
     bead: BeadSettings | BeadTrace | None = None
-    verdict: str = ""
+    verdict: Verdict | None = None
 
 
 class Cell(NamedTuple):
@@ -144,7 +145,7 @@ class Film(Closing):
             a second of the whole machine and a flight from there.
         size: width and height of the frames; the default depends on the number of runs [pixels].
         colour: quantity that colours the beads on one scale, one of `gantrysim.render.colours.COLOURS`; by default the
-            verdict, or the error of runs without a job.
+            worse of error and width by the verdicts, or the error of runs without a job.
         true_width: whether a thin bead keeps its width; by default the camera that is fitted to the bead shows it up
             to four times as wide, all beads alike, with the factor in the picture. The nozzle's inset shows it as it
             is.
@@ -177,7 +178,8 @@ class Film(Closing):
         self._runs = [Telemetry(bead.run, bead) for bead in beads]
         self.end = max(float(take.run.time[-1]) for take in takes)
         runs = [take.run for take in takes]
-        colour = default_colour(runs) if colour is None else colour
+        verdicts = [take.run.known_verdict if take.verdict is None else take.verdict for take in takes]
+        colour = chosen_colour(colour, runs, verdicts)
         scale = scale_for(colour, runs, beads)
         labels = [take.label or take.machine.name for take in takes]
         self.panel = Panel(self._runs, self.size, labels[0], scale)
@@ -209,7 +211,8 @@ class Film(Closing):
         note = f"bead drawn {self.widening:g} × as wide" if self.widening > 1 else ""
         letters = self.panel.font.size
         self._captions = [
-            Caption(take.verdict, note, cell.width, letters) for take, cell in zip(takes, self.cells, strict=True)
+            Caption("" if verdict is None else verdict.headline, note, cell.width, letters)
+            for verdict, cell in zip(verdicts, self.cells, strict=True)
         ]
         # frames of a long run need it
         memory.give_back()
@@ -369,7 +372,7 @@ def save_video(
     colour: str | None = None,
     true_width: bool = False,
     label: str = "",
-    verdict: str = "",
+    verdict: Verdict | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> int:
     """Write a film of one run, MP4 or GIF, and return its number of frames.

@@ -20,8 +20,9 @@ from gantrysim.job.settings import ServoSettings
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import LINE, MUTED, PAPER, Font, font
 from gantrysim.render.telemetry import Telemetry
-from gantrysim.report.plots.style import COLOURS, INK
+from gantrysim.report.plots.style import COLOURS
 from gantrysim.report.saved import SavedRun
+from gantrysim.results.colours import INK
 
 # Labels of runs side by side: the values in which their jobs differ.
 

@@ -17,7 +17,7 @@ from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import NEEDLE, NOZZLE, WORK, Machine
 from gantrysim.machine.quiet import quiet
 from gantrysim.record.run import Run
-from gantrysim.render.colours import PLAIN, Scale, scale_for, values_along
+from gantrysim.render.colours import BY_WIDTH, PLAIN, Scale, chosen_colour, scale_for, values_along
 from gantrysim.render.workpiece import workpiece
 
 # The mesh of a growing bead in a MuJoCo model, in pieces: a picture uploads those that its glue has changed.
@@ -173,6 +173,7 @@ class Scene:
         beads_in_pieces: int = 0,
     ) -> None:
         self.machine = machine
+        colour = chosen_colour(colour, [run])
         self.scale = scale_for(colour, [run], [bead]) if scale is None else scale
         self.widening = 1.0
         self._colour = colour
@@ -190,7 +191,7 @@ class Scene:
     def _set_run(self, run: Run, sweep: Sweep) -> None:
         self.run = run
         self.sweep = sweep
-        if self._colour not in (PLAIN, "width"):
+        if self._colour not in (PLAIN, BY_WIDTH):
             self._along = values_along(self._colour, sweep.bead_trace)
 
     def show(self, run: Run) -> None:
@@ -228,7 +229,7 @@ class Scene:
         if self.scale is None:
             return np.zeros(mesh.place.size, np.float32)
         bead_trace = self.sweep.bead_trace
-        values = mesh.width if self._colour == "width" else np.interp(mesh.place, bead_trace.place, self._along)
+        values = mesh.width if self._colour == BY_WIDTH else np.interp(mesh.place, bead_trace.place, self._along)
         # from the first texel's middle to the last one's
         places = (0.5 + 255 * self.scale.share(values)) / 256
         return places.astype(np.float32)

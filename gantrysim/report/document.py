@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import Quantity, number_text
-from gantrysim.report.plots.style import INK
+from gantrysim.results.colours import INK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

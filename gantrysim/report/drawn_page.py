@@ -14,6 +14,7 @@ from gantrysim.base.files import replaced_file
 from gantrysim.report.answer import written_on
 from gantrysim.report.document import Section
 from gantrysim.report.figures import Figures, figures_of, section_name, several
+from gantrysim.results.colours import css_variables
 
 
 def write_page(
@@ -69,7 +70,7 @@ class DrawnPage:
             subtitle=self.subtitle,
             warning=self.warning,
             date=self.date,
-            style=Markup((folder / "page.css").read_text(encoding="utf-8")),
+            style=Markup(css_variables() + (folder / "page.css").read_text(encoding="utf-8")),
             viewer=_viewer_files() if any(section.viewer for _, section, _ in self.sections) else None,
             space=_space_script() if any(section.in_space for _, section, _ in self.sections) else None,
             sections=[entry for entry in self.sections if not entry[1].lacks_video],

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gantrysim.report.plots.style import INK, common_style
+from gantrysim.report.plots.style import common_style
+from gantrysim.results.colours import INK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -21,7 +21,9 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks, by_blocks, extent
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import leaves_plane
+from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines_at
+from gantrysim.job.tolerance import Tolerance
 from gantrysim.machine.outline import Part, Solid, outline
 from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
@@ -223,7 +225,7 @@ class ViewerData:
     def _lines(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the lines of the program at ticks of the run, 0 where they are unknown, (m,)."""
         run = self.results.budget.analysis.run
-        return program_lines_at(self.results.job, len(run.time), run.time[rows])
+        return program_lines_at(self.results.basis, len(run.time), run.time[rows])
 
     def corners(self) -> list[list[float]]:
         """Return arc length, x and y of the requested path's corners [mm]; none of a path that has too many to show."""
@@ -234,17 +236,22 @@ class ViewerData:
         rounded: list[list[float]] = table.round(_CORNER_DECIMALS).tolist()
         return rounded
 
+    @cached_property
+    def _tolerance(self) -> Tolerance:
+        """The job's tolerances, also of a run that is not judged, for its colours."""
+        return self.results.basis.limits(self.results.budget.analysis.run.face)
+
     @property
-    def _width_tolerance(self) -> float | None:
+    def _width_tolerance(self) -> float:
         """Tolerance of the bead's width; of the volume of dots where there is no bead, which is coloured then [%]."""
-        tolerance = self.results.verdict.tolerance
-        if tolerance is None:
-            return None
+        tolerance = self._tolerance
         return tolerance.dot_volume if self._bead is None and self.results.dots else tolerance.bead_width
 
     @property
     def _program_text(self) -> str:
-        job = self.results.job
+        job = self.results.basis
+        if not isinstance(job, Job):
+            return ""
         text = job.program.get(job.controller.text_argument, "")
         return text if isinstance(text, str) else ""
 
@@ -273,7 +280,6 @@ class ViewerData:
             columns[series.name] = encoded_numbers(values)
             contents.append(series.content(values))
         verdict = self.results.verdict
-        tolerance = verdict.tolerance
         bead = self._bead
         if self.in_space and bead is not None:
             columns["height"] = encoded_numbers(bead_height(bead, rows))
@@ -288,8 +294,8 @@ class ViewerData:
             "program": _listing(self._program_text, lines),
             "magnification": magnification(self.results.budget.analysis),
             "worst": self._worst_row,
-            "blamed": None if verdict.worst_row is None else verdict.worst_row.name,
-            "path_tolerance": None if tolerance is None else _UM * tolerance.path_max,
+            "shown": verdict.shown_row,
+            "path_tolerance": _UM * self._tolerance.path_max,
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": self._width_tolerance,
             "dots": [_dot_content(verdict, rows) for verdict in self.results.dots],

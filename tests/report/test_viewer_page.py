@@ -218,7 +218,7 @@ def test_the_legend_switches_links_on_and_off(page):
 
 def test_errors_share_a_scale_until_each_gets_its_own(page):
     canvas = '.strip[data-name="encoder"] canvas'
-    pink = "#e78ac3"
+    pink = "#e484a8"
 
     def height():
         rows = [row for row, drawn in enumerate(pixels(page, canvas)) if near(drawn, pink) > 2]

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
 
 from gantrysim.base.arrays import Floats
 from gantrysim.glue.bead import Bead
-from gantrysim.report.plots.style import COLOURS, INK, UM, axes_on
+from gantrysim.report.plots.style import COLOURS, UM, axes_on, colour_map
+from gantrysim.results.colours import INK, RIGHT, SHARE, WIDTH, ColourScale
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import PATH
 
@@ -19,19 +19,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 _PIECES = 3000  # of the bead, each of one colour
-_WIDTH_SPAN = 3.0  # deviation of the width at the ends of its scale, in tolerances
 _DRY = 0.02  # of the nominal width; a narrower bead is none
 _THIN_LINE = 0.006  # width at which a path without glue is drawn, of its extent
 _MARGIN = 0.06  # around the bead, of its extent
-_ERRORS = ("#b9cfe4", "#e0a64e", "#cc5a3a", "#7d124f")
-_WIDTHS = ("#1f5fa8", "#b7b1a4", "#a8340c")
-_NO_GLUE = "#b7b1a4"
 
 
 def draw_laid(on: Figure | SubFigure | Axes, results: RunResults, text_size: float = 10.0) -> Axes:
     """Draw the bead in plan view at its true width, with a scale and the worst place of the verdict; return the axes.
 
-    It is coloured by the error of the path where the verdict is worst for the path, else by the deviation of its width.
+    It is coloured by the error of the path or the deviation of its width, whichever is judged worse.
     """
     axes = axes_on(on)
     run = results.budget.analysis.run
@@ -71,7 +67,7 @@ def draw_laid(on: Figure | SubFigure | Axes, results: RunResults, text_size: flo
 def _disc(centre: Floats, radius: float):
     from matplotlib.patches import Circle
 
-    return Circle((float(centre[0]), float(centre[1])), radius, fc=_NO_GLUE, ec=INK, lw=0.5, zorder=2)
+    return Circle((float(centre[0]), float(centre[1])), radius, fc=RIGHT, ec=INK, lw=0.5, zorder=2)
 
 
 def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float) -> None:
@@ -79,7 +75,7 @@ def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float
     if not nominal or not bead.wet_stretches.size:
         return
     step = -(-bead.place.size // _PIECES)
-    values, norm, colours, ends = _colouring(results, bead, nominal)
+    values, scale, ends = _colouring(results, bead, nominal)
     polygons = []
     shades = []
     normal = np.stack([-np.sin(bead.heading), np.cos(bead.heading)], axis=1)
@@ -97,9 +93,9 @@ def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float
             shades.append(piece[np.abs(piece).argmax()])
     collection = PolyCollection(
         polygons,
-        array=np.array(shades),
-        cmap=colours,
-        norm=norm,
+        array=scale.places(np.array(shades)),
+        cmap=colour_map(scale),
+        clim=(0, 1),
         edgecolors="face",
         linewidths=0.3,
         zorder=2,
@@ -110,33 +106,20 @@ def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float
     _add_scale(axes, collection, ends, text_size)
 
 
-def _colouring(
-    results: RunResults, bead: Bead, nominal: float
-) -> tuple[Floats, Normalize, LinearSegmentedColormap, tuple[str, str, str]]:
-    """Return values at the stations, their scale and colours, and title and ends of the scale in words."""
-    row = results.verdict.worst_row
-    tolerance = results.verdict.tolerance
-    if row is not None and row.name == PATH:
+def _colouring(results: RunResults, bead: Bead, nominal: float) -> tuple[Floats, ColourScale, tuple[str, str, str]]:
+    """Return values at the stations in tolerances, their scale, and title and ends of the scale in words."""
+    tolerance = results.job.limits(results.budget.analysis.run.face)
+    if results.verdict.shown_row == PATH:
         budget = results.budget
         analysis = budget.analysis
         size = UM * np.interp(np.arange(len(bead.length)), analysis.ticks, budget.contour.size)
         values = bead.along(size)
-        most = float(values.max())
-        colours = LinearSegmentedColormap.from_list("error", _ERRORS)
-        return values, Normalize(0, max(most, 1e-9)), colours, ("contour error", "0", f"{most:.3g} µm")
-    limit = 10.0 if tolerance is None else tolerance.bead_width
-    span = _WIDTH_SPAN * limit
-    colours = LinearSegmentedColormap.from_list("width", _WIDTHS)
-    return (
-        100 * (bead.width / nominal - 1),
-        Normalize(-span, span),
-        colours,
-        (
-            f"width, of {nominal:.3g} mm",
-            f"−{span:g} %",
-            f"+{span:g} %",
-        ),
-    )
+        limit = UM * tolerance.path_max
+        return values / limit, SHARE, ("contour error", "0", f"{SHARE.high * limit:.3g} µm")
+    limit = tolerance.bead_width
+    span = WIDTH.high * limit
+    words = (f"width, of {nominal:.3g} mm", f"−{span:g} %", f"+{span:g} %")
+    return 100 * (bead.width / nominal - 1) / limit, WIDTH, words
 
 
 def _add_scale(axes: Axes, collection: PolyCollection, ends: tuple[str, str, str], text_size: float) -> None:

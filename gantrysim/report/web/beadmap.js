@@ -4,17 +4,17 @@
 import { digits } from "./data.js";
 import { choose, element } from "./dom.js";
 import { PlanMap } from "./map.js";
-import { mixed, onTheme, theme, WIDTH_SPAN } from "./theme.js";
+import { placeOf, ScaleBar } from "./scalebar.js";
+import { colourAt, placeOn } from "./theme.js";
 
 const LEVELS = 160; // of width, each drawn in one stroke
-const SHADES = 48; // of a scale
+const SHADES = 96; // of a scale
 const DRY = 0.02; // of the nominal width; a narrower bead is none
 
 export class BeadMap {
   constructor(data, cursor, region) {
     this.data = data;
-    this.span = WIDTH_SPAN * (data.width_tolerance || 10); // [%]
-    this.byError = Boolean(data.width) && data.blamed === "path";
+    this.byError = Boolean(data.width) && data.shown === "path";
     const { x, y, width } = data.column;
     const place = { x: 0, y: 0 };
     this.map = new PlanMap({
@@ -27,45 +27,22 @@ export class BeadMap {
       describe: (row) => `t = ${data.time[row].toFixed(3)} s${width ? `, bead width ${data.text("width", row)}` : ""}`,
     });
     this.widest = !width ? 0 : width.reduce((most, value) => (value > most ? value : most), 0);
-    this.bar = element("span", { class: "ramp" });
-    this.low = element("span");
-    this.high = element("span");
+    this.scale = new ScaleBar(data, !this.byError);
     this.element = element("figure", { class: "view bead" }, this._caption(), this.map.surface);
-    this._paint();
-    onTheme(() => this._paint());
   }
 
   _caption() {
     const { data } = this;
-    const scale = element("span", { class: "scale" }, this.low, this.bar, this.high);
+    const scale = this.scale.element;
     const count = data.dots.length === 1 ? "1 dot" : `${data.dots.length} dots`;
     if (!data.width) return element("figcaption", {}, element("b", {}, "Dots"), `volume of ${count}`, scale);
     const choice = choose("Colour", [["width", false], ["path error", true]], this.byError, (byError) => {
       this.byError = byError;
-      this._paint();
+      this.scale.show(!byError);
       this.map.redraw();
     });
     const dots = data.dots.length ? `, ${count}` : "";
     return element("figcaption", {}, element("b", {}, "Bead"), `${digits(data.width)} mm wide${dots}`, choice, scale);
-  }
-
-  /** The scale of the colours, with marks at the tolerance. */
-  _paint() {
-    const { data, span, byError, bar } = this;
-    const colours = theme();
-    bar.style.background = `linear-gradient(to right, ${(byError ? colours.errors : colours.widths).join(",")})`;
-    this.low.textContent = byError ? "0" : `−${span} %`;
-    this.high.textContent = byError ? `${digits(data.largest)} µm` : `+${span} %`;
-    const limit = byError ? data.path_tolerance : data.width_tolerance;
-    const places = byError ? [limit / data.largest] : [0.5 - limit / span / 2, 0.5 + limit / span / 2];
-    const title = `tolerance: ${digits(limit || 0)} ${byError ? "µm" : "%"}`;
-    bar.replaceChildren();
-    for (const place of limit ? places : []) {
-      if (place > 1) continue;
-      const mark = element("i", { title });
-      mark.style.left = `${100 * place}%`;
-      bar.append(mark);
-    }
   }
 
   _draw(context, map, colours) {
@@ -74,7 +51,7 @@ export class BeadMap {
       context.beginPath();
       context.arc(map.px(dot.x), map.py(dot.y), Math.max(dot.radius * map.scale, 1), 0, 2 * Math.PI);
       // without a requested volume, in the colour of a dot as requested
-      context.fillStyle = mixed(colours.widths, 0.5 + (0.5 * (dot.error || 0)) / this.span);
+      context.fillStyle = colourAt(colours.widths, placeOn(colours.widths, (dot.error || 0) / this.data.width_tolerance));
       context.fill();
       Object.assign(context, { strokeStyle: dot.failed ? colours.alarm : colours.soft, lineWidth: dot.failed ? 2 : 1 });
       context.stroke();
@@ -87,7 +64,7 @@ export class BeadMap {
   }
 
   _bead(context, map, colours) {
-    const { data, widest, span } = this;
+    const { data, widest } = this;
     const { x, y, width } = data.column;
     const nominal = data.width;
     context.beginPath();
@@ -102,11 +79,7 @@ export class BeadMap {
     context.stroke();
     // strokes of one width and one colour each, by both
     const pieces = new Map();
-    const { size, largest } = data;
-    const shadeOf = (row, wide) => {
-      if (!this.byError) return 0.5 + (50 * (wide / nominal - 1)) / span;
-      return size[row] === size[row] ? size[row] / largest : -1;
-    };
+    const place = placeOf(data, !this.byError);
     let before = "";
     for (let row = 0; row < data.rows; row++) {
       const wide = width[row];
@@ -115,8 +88,8 @@ export class BeadMap {
         continue;
       }
       const level = Math.max(Math.round((LEVELS * wide) / widest), 1);
-      const share = shadeOf(row, (widest * level) / LEVELS);
-      const shade = share < 0 && this.byError ? -1 : Math.round(SHADES * Math.min(Math.max(share, 0), 1));
+      const share = place(row);
+      const shade = share === share ? Math.round(SHADES * share) : -1;
       const key = level * 1000 + shade;
       if (!pieces.has(key)) pieces.set(key, { path: new Path2D(), wide: (widest * level) / LEVELS, shade });
       const { path } = pieces.get(key);
@@ -127,9 +100,9 @@ export class BeadMap {
       path.lineTo(map.px(x[row]), map.py(y[row]));
       before = key;
     }
-    const ramp = this.byError ? colours.errors : colours.widths;
+    const stops = this.byError ? colours.shares : colours.widths;
     for (const { path, wide, shade } of pieces.values()) {
-      context.strokeStyle = shade < 0 ? colours.line : mixed(ramp, shade / SHADES);
+      context.strokeStyle = shade < 0 ? colours.line : colourAt(stops, shade / SHADES);
       context.lineWidth = Math.max(wide * map.scale, 1);
       context.stroke(path);
     }

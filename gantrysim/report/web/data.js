@@ -109,7 +109,6 @@ export class RunData {
     this.requested = this._requested(x.map((value, k) => value - dx[k]), y.map((value, k) => value - dy[k]));
     let largest = 0;
     for (let k = 0; k < rows; k++) if (this.size[k] > (this.size[largest] || 0)) largest = k;
-    this.largest = Math.max(this.size[largest] || 0, 1e-9); // error of the path
     this.worst = content.worst ?? largest; // where the verdict is worst
     this.off = stretches(rows, (k) => !this.column.dispense[k]);
   }

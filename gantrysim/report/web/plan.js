@@ -3,7 +3,8 @@
 import { digits, stretches } from "./data.js";
 import { element, toggle } from "./dom.js";
 import { PlanMap } from "./map.js";
-import { mixed, onTheme, theme } from "./theme.js";
+import { placeOf, ScaleBar } from "./scalebar.js";
+import { colourAt } from "./theme.js";
 
 const COLOURS = 48;
 
@@ -12,7 +13,6 @@ export class Plan {
     this.data = data;
     this.cursor = cursor;
     this.factor = data.magnification;
-    this.largest = data.largest;
     this.place = { x: 0, y: 0 };
     this.map = new PlanMap({
       name: "Plan view: the nozzle's path, coloured by its error",
@@ -23,10 +23,7 @@ export class Plan {
       draw: (context, map, colours) => this._draw(context, map, colours),
       describe: (row) => `t = ${data.time[row].toFixed(3)} s, contour error ${data.text("contour", row)}`,
     });
-    this.bar = element("span", { class: "ramp" });
     this.element = element("figure", { class: "view plan" }, this._caption(), this.map.surface);
-    this._paint();
-    onTheme(() => this._paint());
   }
 
   /** Position drawn of the nozzle at a row: its error magnified. */
@@ -40,14 +37,8 @@ export class Plan {
   }
 
   _caption() {
-    const { data, bar } = this;
-    const limit = data.path_tolerance;
-    const scale = element("span", { class: "scale" }, "0", bar, `${digits(this.largest)} µm`);
-    if (limit && limit < this.largest) {
-      const mark = element("i", { title: `tolerance: ${digits(limit)} µm` });
-      mark.style.left = `${(100 * limit) / this.largest}%`;
-      bar.append(mark);
-    }
+    const { data } = this;
+    const scale = new ScaleBar(data, false).element;
     const caption = element("figcaption", {}, element("b", {}, "Error of the path"), scale);
     if (data.magnification > 1) {
       const label = `error × ${data.magnification}`;
@@ -58,10 +49,6 @@ export class Plan {
       caption.append(toggle(label, true, change, { title: "draw the nozzle's distance from the path magnified" }));
     }
     return caption;
-  }
-
-  _paint() {
-    this.bar.style.background = `linear-gradient(to right, ${theme().errors.join(",")})`;
   }
 
   _draw(context, map, colours) {
@@ -104,6 +91,7 @@ export class Plan {
   _coloured(context, map, colours) {
     const { data } = this;
     const pieces = Array.from({ length: COLOURS }, () => new Path2D());
+    const place = placeOf(data, false);
     let before = -1;
     let from = [0, 0];
     for (let row = 0; row < data.rows; row++) {
@@ -114,7 +102,7 @@ export class Plan {
       }
       const { x, y } = this._point(row);
       const to = [map.px(x), map.py(y)];
-      const k = Math.min(Math.floor((COLOURS * size) / this.largest), COLOURS - 1);
+      const k = Math.min(Math.floor(COLOURS * place(row)), COLOURS - 1);
       if (before >= 0) {
         if (before !== k) pieces[k].moveTo(...from);
         pieces[k].lineTo(...to);
@@ -124,7 +112,7 @@ export class Plan {
     }
     context.lineWidth = 3;
     pieces.forEach((piece, k) => {
-      context.strokeStyle = mixed(colours.errors, (k + 0.5) / COLOURS);
+      context.strokeStyle = colourAt(colours.shares, (k + 0.5) / COLOURS);
       context.stroke(piece);
     });
   }
