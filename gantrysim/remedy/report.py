@@ -74,14 +74,16 @@ def remedy_of(improvement: Improvement) -> Remedy:
     if not improvement.changes_anything:
         return Remedy(_caption(improvement.sentence))
     after = improvement.improved
-    costs = "; ".join(dict.fromkeys(trial.lever.cost for trial in improvement.combination if trial.lever.cost))
+    costs = [trial.lever.cost for trial in improvement.combination if trial.lever.cost not in ("", "none")]
     before, now = (f"{outcome.duration:.2f} s" for outcome in (improvement.before, improvement.after))
     time = f"{now}, as before" if before == now else f"{now} instead of {before}"
-    outcome = f"{after.headline}; {time}"
+    remains = "" if after.worst_check is None else f", {after.worst_check.brief}"
+    outcome = f"{after.headline}{remains}; {time}"
+    cost = "; ".join(dict.fromkeys(costs))
     lines = improvement.lines
     return Remedy(
         _caption(f"{names_of(improvement.combination)}."),
-        f"{outcome}. Costs: {costs}." if costs else f"{outcome}.",
+        f"{outcome}. Costs: {cost}." if cost else f"{outcome}.",
         lines.get("job file") or lines.get("command line", ""),
     )
 

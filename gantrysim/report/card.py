@@ -38,10 +38,10 @@ def save_card(file: Path, results: RunResults, answer: Answer) -> None:
 def draw_card(figure: Figure, results: RunResults, answer: Answer) -> None:
     """Draw the card on a figure of its size."""
     _, colour = STATES[answer.state]
-    picture = figure.add_axes((0.02, 0.1, _PICTURE - 0.04, 0.86))
+    picture = figure.add_axes((0.02, 0.12, _PICTURE - 0.04, 0.84))
     draw_laid(picture, results, text_size=10)
     text = _Column(figure, WIDTH * _PICTURE + 10, WIDTH - _EDGE)
-    text.add(f"{results.job.name} on {results.machine.name}", 12, _SOFT)
+    text.add(f"{results.job.name} on {results.machine.name}", 12, _SOFT, after=20)
     text.shape(answer.state, 30)
     text.add(answer.headline[2:], 24, colour, weight="bold", lines=2, indent=46, after=14)
     for row in answer.rows:
@@ -51,7 +51,8 @@ def draw_card(figure: Figure, results: RunResults, answer: Answer) -> None:
         text.space(9)
         text.add(title, 10.5, _SOFT, after=2)
         text.add(content, 13, INK, lines=lines)
-    figure.text(_EDGE / WIDTH, 20 / HEIGHT, f"{written_on()}  ·  gantrysim", fontsize=10, color=_SOFT, va="bottom")
+    place = ((WIDTH - _EDGE) / WIDTH, 20 / HEIGHT)
+    figure.text(*place, f"gantrysim  ·  {written_on()}", fontsize=10, color=_SOFT, ha="right", va="bottom")
     figure.add_artist(_bar(colour))
 
 
@@ -81,7 +82,7 @@ class _Column:
         self._figure = figure
         self._left = left
         self._right = right
-        self._y = HEIGHT - 58.0
+        self._y = HEIGHT - 56.0
 
     def space(self, height: float) -> None:
         self._y -= height
