@@ -105,7 +105,6 @@ _HEIGHT = 2.9  # of a header with one line of readout, in sizes of its letters
 _WIDTHS = {1: 34, 2: 22}  # by lines of readout, that hold all of it, in sizes of the letters
 _CAPTION_HEIGHT = 1.8  # in sizes of its letters
 _LEAST_LETTERS = 10  # size of the letters, unless the panel's are smaller [pixels]
-_MOST_NOTE = 0.5  # width of a note beside a verdict that is cut, relative to the picture
 
 
 class Header:
@@ -183,35 +182,22 @@ def headers(
 
 
 class Caption:
-    """What stands at the upper edge of a picture: the verdict to the left, and a note to the right.
+    """The verdict at the upper edge of a picture, to the left.
 
     Args:
         verdict: headline of the verdict, whose symbol and word say it without colour; empty for none.
-        note: empty for none; left out where it does not fit.
         width: of the picture [pixels]; a longer verdict is cut.
         largest: size of the letters [pixels].
     """
 
-    def __init__(self, verdict: str, note: str, width: int, largest: int) -> None:
-        bold = font(largest, True)
-        letters = font(largest)
-        self._note = _line(note, letters, MUTED, width)
-        beside = 0 if self._note is None else self._note.shape[1]
-        room = width - beside
-        if verdict and bold.width(verdict) + 2 * bold.margin > room and beside > _MOST_NOTE * width:
-            self._note = None
-            room = width
-        self._verdict = _line(verdict, bold, INK, room)
+    def __init__(self, verdict: str, width: int, largest: int) -> None:
+        self._verdict = _line(verdict, font(largest, True), INK, width)
 
     def write(self, picture: Picture) -> None:
         """Write the caption over a picture, (height, width, 3)."""
-        height = len(picture)
         if self._verdict is not None:
             rows, columns = self._verdict.shape[:2]
-            picture[:rows, :columns] = self._verdict[:height]
-        if self._note is not None:
-            rows, columns = self._note.shape[:2]
-            picture[:rows, -columns:] = self._note[:height]
+            picture[:rows, :columns] = self._verdict[: len(picture)]
 
 
 def _line(text: str, letters: Font, colour: str, width: int) -> Picture | None:
