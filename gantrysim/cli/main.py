@@ -20,8 +20,9 @@ from gantrysim.cli.compare import compare
 from gantrysim.cli.compile import compile_ahead
 from gantrysim.cli.export import export
 from gantrysim.cli.gains import gains
-from gantrysim.cli.identify import identify
+from gantrysim.cli.identify import identify_app
 from gantrysim.cli.improve import improve
+from gantrysim.cli.live import live
 from gantrysim.cli.machine import ForJob, describe, machine_app
 from gantrysim.cli.options import AllowCode
 from gantrysim.cli.render import render as render_command
@@ -77,6 +78,7 @@ app = typer.Typer(
 )
 app.add_typer(study_app, name="study")
 app.add_typer(machine_app, name="machine")
+app.add_typer(identify_app, name="identify")
 app.command()(run)
 app.command()(check)
 app.command()(improve)
@@ -84,10 +86,10 @@ app.command()(tune)
 app.command()(gains)
 app.command()(export)
 app.command()(compare)
-app.command()(identify)
 app.command()(replay)
 app.command("render")(render_command)
 app.command()(view)
+app.command()(live)
 app.command("compile")(compile_ahead)
 
 

@@ -105,6 +105,17 @@ class Controller(ABC):
             f"{type(self).__name__}: states one speed for its whole path, so that none can be set by place"
         )
 
+    def with_stretch_flows(self, values: Mapping[int, float]) -> dict[str, Any]:
+        """Return the arguments that must change for stretches to have other set points of the flow, by dotted name.
+
+        Args:
+            values: of `flow_output`, by `Stretches.places`.
+
+        Raises:
+            InputError: the program names no such output, or cannot set it where a stretch begins.
+        """
+        raise InputError(f"{type(self).__name__}: has no output for the flow whose value each stretch can have")
+
     @property
     def program_text(self) -> str:
         """The program in the controller's language; empty where it has no text."""

@@ -148,7 +148,7 @@ class Job(LoadedJob):
         if len(record.time) > memory.LONG_RUN:
             # they fill the memory, and are computed again on demand
             self.__dict__.pop("setpoints", None)
-        return record.replaced(job=self)
+        return record.replaced(job=self, rig=None)
 
     def limits(self, needle: float, width: float = math.nan) -> Tolerance:
         """Return the limits that a good run of the job keeps.

@@ -128,8 +128,8 @@ def machine_of(name: str, controller: Controller) -> str:
 def pressing_height(machine: Machine, face: float) -> float:
     """Return the height above the work at which a needle's face presses the default glue flat [mm].
 
-    It is that of the machine at its zero, so that a needle that runs higher or lower lays the same section. A needle that
-    hangs higher above the work than it is wide is lowered by its program: half its face stands for the height there.
+    It is that of the machine at its zero, so that a needle that runs higher or lower lays the same section. Half the
+    face stands for it where the needle hangs higher than it is wide, and its program lowers it.
     """
     return machine.gap if machine.gap <= face else 0.5 * face
 

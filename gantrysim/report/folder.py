@@ -11,6 +11,7 @@ from typing import Any
 
 from gantrysim.base.errors import InputError, expanded
 from gantrysim.base.files import check_free, held_folder, pending, replaced_files
+from gantrysim.job.basis import Basis
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
@@ -115,8 +116,8 @@ def output_folder(folder: Path, output: Output = RUN_OUTPUT) -> Iterator[Path]:
 
 
 def write_run(folder: Path, results: RunResults) -> None:
-    """Write job, record, summary, and the controller's own record into a folder."""
-    _write(folder, results.job, results.budget.analysis.run, summary(results))
+    """Write job, record, summary, and the controller's own record into a folder; without a job, record and summary."""
+    _write(folder, results.basis, results.budget.analysis.run, summary(results))
 
 
 def write_summary(folder: Path, results: RunResults) -> None:
@@ -124,17 +125,19 @@ def write_summary(folder: Path, results: RunResults) -> None:
     _write_content(folder, summary(results))
 
 
-def write_fault(folder: Path, job: Job, machine: Machine, run: Run) -> None:
+def write_fault(folder: Path, job: Basis, machine: Machine, run: Run) -> None:
     """Write the files of a run that a fault ended before the dispenser was on."""
     _write(folder, job, run, fault_summary(job, machine, run))
 
 
-def _write(folder: Path, job: Job, run: Run, content: dict[str, Any]) -> None:
-    (folder / JOB).write_text(job.toml(), encoding="utf-8")
-    digests = {"job_sha256": job.digest, "machine_sha256": content["versions"]["machine_sha256"]}
+def _write(folder: Path, job: Basis, run: Run, content: dict[str, Any]) -> None:
+    digests = {"machine_sha256": content["versions"]["machine_sha256"]}
+    if isinstance(job, Job):
+        (folder / JOB).write_text(job.toml(), encoding="utf-8")
+        job.controller.write_record(run, folder / RECORD)
+        digests["job_sha256"] = job.digest
     run.replaced(**digests).save(folder / RUN)
     _write_content(folder, content)
-    job.controller.write_record(run, folder / RECORD)
 
 
 def _write_content(folder: Path, content: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from gantrysim.job.basis import Basis
 from gantrysim.job.job import Job
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.steps import run_notes
@@ -98,7 +99,7 @@ def job_section(job: Job) -> Section:
 
 def servo_section(results: RunResults) -> Section:
     """Return the section of the servo of a job on the machine of its run."""
-    job = results.job
+    job = results.basis
     machine = results.machine
     margins = job.margins
     reason = job.servo_reason
@@ -196,15 +197,20 @@ def run_page(
         figures: of `sections_with_figures` of these results, drawn ahead; None to draw them here.
     """
     run = results.budget.analysis.run
-    job = results.job
+    job = results.basis
     return draw_page(
         f"{job.name} on {results.machine.name}",
-        f"{job.program['controller']}, servo period {1e3 * run.period:g} ms",
+        f"{_program_name(job)}, servo period {1e3 * run.period:g} ms",
         in_order(run_sections(results, None if video is None else Path(video), changes)),
         warning=_warning(results),
         progress=progress,
         figures=figures,
     )
+
+
+def _program_name(job: Basis) -> str:
+    """Return the name of a job's controller; without a job, what stands for its program."""
+    return str(job.program["controller"]) if isinstance(job, Job) else "setpoints from Python"
 
 
 def _warning(results: RunResults) -> str | None:
@@ -222,7 +228,7 @@ def sections_with_figures(results: RunResults) -> list[Section]:
 
 def run_sections(results: RunResults, video: Path | None = None, changes: Changes | None = None) -> Iterator[Section]:
     """Yield the sections of a run's report, see `run_page`."""
-    job = results.job
+    job = results.basis
     machine = results.machine
     budget = results.budget
     bead = results.bead
@@ -249,5 +255,6 @@ def run_sections(results: RunResults, video: Path | None = None, changes: Change
     yield servo_section(results)
     if notes := run_notes(job, run):
         yield Section("Notes", notes)
-    yield job_section(job)
+    if isinstance(job, Job):
+        yield job_section(job)
     yield Section("Versions", table=Table(["", "version"], [list(item) for item in versions(machine).items()]))

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from typing import Any
 
 from gantrysim.base.quantity import contents
-from gantrysim.job.job import Job
+from gantrysim.job.basis import Basis
 from gantrysim.job.losses import happened_events
 from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
@@ -42,7 +42,7 @@ def summary(results: RunResults) -> dict[str, Any]:
         scatter: of runs with other zeros of the encoders; missing without --repeat
         headline: the result in a sentence or two; of a run with faults, what happened
     """
-    job = results.job
+    job = results.basis
     run = results.budget.analysis.run
     groups = {group.name: group.contents(results) for group in GROUPS if group is not LOSSES_GROUP}
     scatter = {} if results.scatter is None else {"scatter": scatter_summary(results.scatter)}
@@ -63,7 +63,7 @@ def summary(results: RunResults) -> dict[str, Any]:
     }
 
 
-def fault_summary(job: Job, machine: Machine, run: Run) -> dict[str, Any]:
+def fault_summary(job: Basis, machine: Machine, run: Run) -> dict[str, Any]:
     """Return the content of summary.json for a run that a fault ended before the dispenser was on: it has no errors."""
     return {
         "verdict": Verdict.of_fault(run).content(),
@@ -113,7 +113,7 @@ def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
 
 
 def _unstable(results: RunResults) -> list[str] | None:
-    if results.job.margins is None:
+    if results.basis.margins is None:
         return None
     return [name for name, loop in results.loops.items() if loop.margins is not None and not loop.margins.stable]
 

@@ -21,6 +21,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks, by_blocks, extent
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import leaves_plane
+from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines_at
 from gantrysim.job.tolerance import Tolerance
 from gantrysim.machine.outline import Part, Solid, outline
@@ -224,7 +225,7 @@ class ViewerData:
     def _lines(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the lines of the program at ticks of the run, 0 where they are unknown, (m,)."""
         run = self.results.budget.analysis.run
-        return program_lines_at(self.results.job, len(run.time), run.time[rows])
+        return program_lines_at(self.results.basis, len(run.time), run.time[rows])
 
     def corners(self) -> list[list[float]]:
         """Return arc length, x and y of the requested path's corners [mm]; none of a path that has too many to show."""
@@ -238,7 +239,7 @@ class ViewerData:
     @cached_property
     def _tolerance(self) -> Tolerance:
         """The job's tolerances, also of a run that is not judged, for its colours."""
-        return self.results.job.limits(self.results.budget.analysis.run.face)
+        return self.results.basis.limits(self.results.budget.analysis.run.face)
 
     @property
     def _width_tolerance(self) -> float:
@@ -248,7 +249,9 @@ class ViewerData:
 
     @property
     def _program_text(self) -> str:
-        job = self.results.job
+        job = self.results.basis
+        if not isinstance(job, Job):
+            return ""
         text = job.program.get(job.controller.text_argument, "")
         return text if isinstance(text, str) else ""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.glue.bead import Bead
+from gantrysim.job.basis import Basis
 from gantrysim.job.causes import causes_of
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
@@ -27,7 +28,7 @@ ChangesOf = Callable[[Job, Verdict], Changes | None]
 
 
 def write_report(
-    job: Job,
+    job: Basis,
     run: Run,
     folder: str | os.PathLike[str],
     causes: bool = True,
@@ -37,7 +38,7 @@ def write_report(
     """Write job, record, summary, plots, card and page of a run into a folder.
 
     Args:
-        job: of the run.
+        job: of the run, or the basis of a run without one: there are then no job.toml, causes and changes.
         run: the record.
         folder: to write to; files of an earlier run are replaced.
         causes: whether to run the job again with one cause of error at a time switched off.
@@ -59,17 +60,17 @@ def write_report(
         write_run(scratch, results)
         figures = figures_ahead(sections_with_figures(results), scratch / PLOTS)
         save_plots(results.budget, scratch / PLOTS, bead=results.bead, only_missing=True)
-        found = None if changes is None else changes(job, results.verdict)
+        found = changes(job, results.verdict) if changes is not None and isinstance(job, Job) else None
         save_card(scratch / CARD, results, Answer.of(results, None if found is None else found.remedy))
         run_page(results, None, advance, found, figures).write(scratch / REPORT)
     return target / REPORT
 
 
-def results_of(job: Job, run: Run, causes: bool = True) -> RunResults:
+def results_of(job: Basis, run: Run, causes: bool = True) -> RunResults:
     """Return the results of a run, of the job run again without its causes of error, and without its deliberate faults.
 
     Args:
-        job: of the run.
+        job: of the run, or the basis of a run without one, which cannot be run again.
         run: the record.
         causes: whether to find the causes; those of a run with faults are not looked for.
 
@@ -79,16 +80,10 @@ def results_of(job: Job, run: Run, causes: bool = True) -> RunResults:
     analysis = Analysis(run)
     bead = Bead(run, job.bead, analysis)
     losses = None
-    if run.injected:
+    if run.injected and isinstance(job, Job):
         healthy = job.without_faults().run()
         losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
     budget = Budget(analysis)
-    wanted = causes and run.fault is None and not job.faults and not budget.contradictions
-    return RunResults(
-        job,
-        job.built_machine,
-        budget,
-        bead,
-        causes=causes_of(job, budget=budget) if wanted else None,
-        losses=losses,
-    )
+    is_known = run.fault is None and not job.faults and not budget.contradictions
+    found = causes_of(job, budget=budget) if causes and is_known and isinstance(job, Job) else None
+    return RunResults(job, job.built_machine, budget, bead, causes=found, losses=losses)

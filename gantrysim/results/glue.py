@@ -71,7 +71,7 @@ def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt, *, is_requeste
 def _bead_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
     run = bead.run
     if not run.flow_demand.any():
-        return Row(GLUE, remark="nothing was laid: the job requests no glue", state=WARN)
+        return Row(GLUE, remark="nothing was laid: no glue is requested", state=WARN)
     if bead.total_volume <= 0:
         return Row(GLUE, remark="nothing was laid, though glue is requested", state=FAIL)
     if bead.nominal <= 0:

@@ -13,7 +13,7 @@ from gantrysim.base.quantity import MAX, P95
 from gantrysim.engine.recording import dispenser_loads
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.dispenser.driven import Load
-from gantrysim.job.job import Job
+from gantrysim.job.basis import Basis
 from gantrysim.job.lines import program_lines
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.job.steps import lost_steps
@@ -62,7 +62,7 @@ class Verdict(Shown):
     stall: str = ""
 
     @classmethod
-    def of(cls, job: Job, run: Run) -> Verdict:
+    def of(cls, job: Basis, run: Run) -> Verdict:
         """Return the verdict on a run of a job, from its record alone.
 
         Raises:
@@ -80,11 +80,11 @@ class Verdict(Shown):
         return cls(tuple(rows), happened_events(run))
 
     @classmethod
-    def of_results(cls, job: Job, budget: Budget, bead: Bead, machine: Machine | None = None) -> Verdict:
+    def of_results(cls, job: Basis, budget: Budget, bead: Bead, machine: Machine | None = None) -> Verdict:
         """Return the verdict on a run whose budget and bead are known.
 
         Args:
-            job: the job.
+            job: the job, or the basis of a run without one.
             budget: error budget of the run.
             bead: bead of the run.
             machine: machine of the run if not the job's own; the margins are computed for it.
@@ -220,7 +220,7 @@ def path_row(contour: PartValues, tolerance: Tolerance, line_at: Callable[[float
     )
 
 
-def stability_row(job: Job, margins: tuple[Margins, ...] | None, tolerance: Tolerance) -> Row:
+def stability_row(job: Basis, margins: tuple[Margins, ...] | None, tolerance: Tolerance) -> Row:
     """Return the verdict on the stability margins of a job's loops, which needs no run; None for unknown margins."""
     if margins is None:
         return Row(STABILITY, remark="the loop cannot be linearised: its margins are unknown")
@@ -241,14 +241,14 @@ def stability_row(job: Job, margins: tuple[Margins, ...] | None, tolerance: Tole
     )
 
 
-def machine_verdict(job: Job, run: Run) -> Row:
+def machine_verdict(job: Basis, run: Run) -> Row:
     """Return the verdict on the drives of a complete run of a job, which needs neither budget nor bead."""
     tolerance = job.limits(run.face)
     place_at = places_of(run, program_lines(job, len(run.time)))
     return machine_row(job, run, tolerance, place_at, dispenser_loads(run, job.dispenser))
 
 
-def machine_row(job: Job, run: Run, tolerance: Tolerance, place_at: PlaceAt, loads: Iterable[Load] = ()) -> Row:
+def machine_row(job: Basis, run: Run, tolerance: Tolerance, place_at: PlaceAt, loads: Iterable[Load] = ()) -> Row:
     """Return the verdict on the reserves of torque and speed, on lost steps, and on the dispenser's motor."""
     checks = [*_machine_checks(job, run, tolerance, place_at), *(_load_check(load, place_at) for load in loads)]
     return Row.of(MACHINE, checks)
@@ -280,7 +280,7 @@ def places_of(run: Run, line_at: Callable[[float], int | None]) -> PlaceAt:
     return place_at
 
 
-def _machine_checks(job: Job, run: Run, tolerance: Tolerance, place_at: PlaceAt) -> Iterator[Check]:
+def _machine_checks(job: Basis, run: Run, tolerance: Tolerance, place_at: PlaceAt) -> Iterator[Check]:
     """Yield the checks of the smallest reserves of torque and speed, and of the steps that steppers have lost."""
     servo = job.built_servo
     torque: dict[str, tuple[float, int]] = {}

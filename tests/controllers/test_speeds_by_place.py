@@ -9,7 +9,8 @@ import pytest
 from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc, softmc, trio
 from gantrysim.controllers.gcode.linuxcnc import Program as LinuxCNC
-from gantrysim.controllers.speeds import with_feed_words
+from gantrysim.controllers.gcode.slicer import Program as Slicer
+from gantrysim.controllers.speeds import with_feed_words, with_flow_words
 from gantrysim.job.job import Job
 
 PERIOD = 0.001  # [s]
@@ -249,3 +250,63 @@ def test_trio_basic_with_linked_axes_has_no_speed_by_place():
     spiral = trio.MoveSpiral(**SPIRAL)
     with pytest.raises(InputError, match="linked to others"):
         trio.Basic(spiral.program_text).stretches(PERIOD)
+
+
+@pytest.mark.parametrize(
+    ("text", "values", "output", "written"),
+    [
+        # modal as F; a word in force serves
+        (
+            "M67 E0 Q2\nG1 X1\nG1 X2\nG1 X3",
+            {2: 2.0, 3: 3.5, 4: 3.5},
+            "M67 E0",
+            "M67 E0 Q2\nG1 X1\nG1 X2 M67 E0 Q3.5\nG1 X3",
+        ),
+        # another output stays, and so do comments
+        (
+            "M67 E1 Q9\nG1 X1 m67e0q[#1] (Q3)\nM68 E0 Q7\nG1 X2 ; S",
+            {2: 4.0, 4: 7.0},
+            "M67 E0",
+            "M67 E1 Q9\nG1 X1 M67 E0 Q4 (Q3)\nM68 E0 Q7\nG1 X2 ; S",
+        ),
+        ("M3 S100\nG1 X1\nG1 X2 S50", {2: 120.0, 3: 120.0}, "S", "M3 S100\nG1 X1 S120\nG1 X2 S120"),
+    ],
+)
+def test_words_of_the_flow_are_as_few_as_set_it(text, values, output, written):
+    assert with_flow_words(text, values, SEMICOLON, output) == written
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        LinuxCNC(text="M67 E0 Q2\nM3 S1\nG1 X40 F3000\nG1 Y40\nM67 E1 Q3\nG2 X0 R40\nM5", flow_output="M67 E0"),
+        LinuxCNC(text="M3 S2\nG1 X40 F3000\nM5\nG1 Y40\nM3\nG2 X0 R40\nM5", flow_output="S"),
+        fanuc.Program("M3 S2\nG1 X40 F3000\nG1 Y40 S3\nM5\nM3\nG2 X0 Y40 R30\nM5", flow_output="S"),
+    ],
+)
+def test_each_line_lays_the_flow_that_is_written_for_it(program):
+    places = [place for place, speed in stated(program).items() if speed > 0]
+    assert len(places) == 3
+    wanted = dict(zip(places, (1.25, 3.0, 70.5), strict=True))
+    changed = replace(program, **program.with_stretch_flows(wanted))
+    points = changed.setpoints(PERIOD)
+    lines = changed.lines_at(points.time)
+    for place, value in wanted.items():
+        values = points.analogue[lines == place][1:-1]
+        assert values.size > 100
+        assert set(values.tolist()) == {value}
+    np.testing.assert_array_equal(points.position, program.setpoints(PERIOD).position)
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        LinuxCNC(text="G1 X9 F600"),
+        Slicer(text="M106 S9\nG1 X9 F600", flow_output="M106"),
+        fanuc.Program("#1132=1\nG1 X9 F600", flow_output="#1132"),
+        trio.Basic(text="AOUT(0)=1\nSPEED=10\nMOVE(9)\nWAIT IDLE", flow_output="AOUT(0)"),
+    ],
+)
+def test_a_program_without_such_words_refuses_flows_by_line(controller):
+    with pytest.raises(InputError, match="has no output for the flow whose value each stretch can have"):
+        controller.with_stretch_flows({1: 2.0})

@@ -121,7 +121,7 @@ def test_a_job_without_glue_is_a_warning_with_dots_too():
     job = dots_job(dispenser={"flow": 0.0})
     row = glue(job, followed(job))
     assert row.state == "warn"
-    assert row.remark == "nothing was laid: the job requests no glue"
+    assert row.remark == "nothing was laid: no glue is requested"
 
 
 def test_dots_beside_a_bead_get_both_verdicts():

@@ -26,7 +26,7 @@ from gantrysim.controllers.fanuc.parts import Part, averaged_places, in_place, s
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.speeds import with_feed_words
+from gantrysim.controllers.speeds import with_feed_words, with_flow_words
 from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.valve import Dispense, Outputs, Valve
 from gantrysim.paths.assignment import assigned_progress
@@ -353,6 +353,12 @@ class Program(Controller):
         unit = PER_MINUTE / INCH if inches else PER_MINUTE
         feeds = {line: speed * unit for line, speed in speeds.items()}
         return {"program": with_feed_words(self.program, feeds, COMMENT)}
+
+    def with_stretch_flows(self, values: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_flows`: words S of the lines; a variable needs a block of its own."""
+        if self.flow_output != "S" or not isinstance(self.program, str):
+            return super().with_stretch_flows(values)
+        return {"program": with_flow_words(self.program, values, COMMENT, "S")}
 
     def setpoints(self, period: float) -> Setpoints:
         positive("period", period, "s")

@@ -29,7 +29,7 @@ from gantrysim.controllers.gcode.o_words import ProgramText
 from gantrysim.controllers.gcode.planned import PathPlan, plan
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.speeds import with_feed_words
+from gantrysim.controllers.speeds import with_feed_words, with_flow_words
 from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.valve import Dispense, Valve
 from gantrysim.paths.track import Track
@@ -292,6 +292,12 @@ class GCode(Controller):
         unit = INCH if re.search(_INCHES, self._bare_text) else 1.0
         feeds = {line: speed * PER_MINUTE / (unit * self.feed_override) for line, speed in speeds.items()}
         return {"text": with_feed_words(self.text, feeds, _COMMENT)}
+
+    def with_stretch_flows(self, values: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_flows`: words M67 or S of the lines."""
+        if not self.flow_output or self.flow_output == "M106" or self.dialect.extrudes:
+            return super().with_stretch_flows(values)
+        return {"text": with_flow_words(self.text, values, _COMMENT, self.flow_output)}
 
     @property
     def _bare_text(self) -> str:

@@ -23,6 +23,8 @@ _LINKS = 1000  # links between neighbouring turns, on which coverage is sampled
 _ON_A_LINK = 48  # samples
 _GOLDEN = 0.618034
 _SETTLED = 1e-5  # tolerance of a settled flow, of the flow demand
+_STEADY_RATE = 1e-3  # relative change of a flow that is steady, or drifts as a syringe empties [1/s]
+_RAMP = 0.1  # relative change of a demand that rises or falls [1/s]
 
 
 class Bead(BeadTrace, Shown):
@@ -237,19 +239,40 @@ class Bead(BeadTrace, Shown):
         return np.diff(excess[np.array(ticks)], axis=1)
 
     def _settled(self, begin: int, end: int) -> tuple[int, int]:
-        """First tick of a stretch at which the flow has settled, and the tick after the last such."""
+        """First tick of a stretch at which the flow has settled, and the tick after the last such.
+
+        Between the first rise of the demand and its last fall, a flow has settled where it meets its demand: it comes
+        as near as to stay there, or the demand crosses it, where a lagging flow turns. One that a limit holds short of
+        the demand has settled where it is steady.
+        """
+        period = self.run.period
         demand = self.run.flow_demand[begin:end]
-        excess = self.run.flow[begin:end] - demand
-        usual = float(np.median(excess)) if excess.size else 0.0
-        # a flow may also cross its settled value on a ramp
-        full = demand >= 0.5 * demand.max(initial=0.0)
-        near = np.flatnonzero(
-            full & by_blocks(lambda block: np.abs(excess[block] - usual) <= _SETTLED * demand[block], demand.size)
-        )
+        flow = self.run.flow[begin:end]
+        wanted = np.flatnonzero(demand > 0)
         middle = (begin + end) // 2
-        if not near.size or usual <= -demand.max(initial=0.0) * (1 - _SETTLED):  # too short to settle
+        if not wanted.size:
             return middle, middle
-        return begin + int(near[0]), begin + int(near[-1]) + 1
+        # on its way up and down a flow may cross its demand, as one of a valve that opens before the motion does
+        rises = np.diff(demand) > _RAMP * period * demand[:-1]
+        falls = np.diff(demand) < -_RAMP * period * demand[1:]
+        first = int(wanted[0])
+        first += int(np.argmin(np.append(rises[first:], False)))
+        last = int(wanted[-1])
+        last -= int(np.argmin(np.append(falls[:last][::-1], False)))
+        inside = slice(first, last + 1)
+        excess = flow[inside] - demand[inside]
+        is_near = (np.abs(excess) <= _SETTLED * demand[inside]) & (demand[inside] > 0)
+        now = flow[inside][:-1]
+        change = np.abs(np.diff(flow[inside]))
+        is_near[:-1] |= (now > 0) & (change <= _STEADY_RATE * period * now)
+        near = np.flatnonzero(is_near)
+        # a flow that itself runs through its demand overshoots
+        turns = change < np.abs(np.diff(demand[inside]))
+        crossed = np.flatnonzero(turns & (excess[:-1] * excess[1:] < 0)) + 1
+        settled = np.concatenate([near, near + 1, crossed])
+        if not settled.size:  # too short to settle
+            return middle, middle
+        return begin + first + int(settled.min()), begin + first + int(settled.max())
 
     @cached_property
     def _offsets(self) -> tuple[Floats, Floats]:

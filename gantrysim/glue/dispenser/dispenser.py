@@ -38,7 +38,7 @@ VALVE = "valve"
 PISTON = "piston"
 JET = "jet"
 _KINDS = (VALVE, VOLUMETRIC, PISTON, JET)
-_OF_VALVES = ("pressure", "syringe", "dead_time", "opening", "closing")  # what a driven dispenser has not
+_OF_VALVES = ("pressure", "syringe", "dead_time", "closing_dead_time", "opening", "closing")  # not of driven ones
 # keys that state the amount of glue, and their units
 DEMANDS = {
     "flow": "mm³/s",
@@ -91,6 +91,7 @@ class Dispenser:
             Required for time-pressure metering.
         syringe: air volume and fill level for time-pressure metering; None applies the pressure directly to the glue.
         dead_time: delay from the command until the flow begins to change [s].
+        closing_dead_time: the same of a valve that closes; None for `dead_time` [s].
         opening: time constant of rising flow or pressure [s].
         closing: time constant of falling flow or pressure [s].
         start_lead: time by which the valve opens ahead of the program's on command [s].
@@ -137,6 +138,7 @@ class Dispenser:
     motor: Motor | None = None
     per_output: float = 0.0
     jet: Jet | None = None
+    closing_dead_time: float | None = None
 
     def __post_init__(self) -> None:
         for name, unit in DEMANDS.items():
@@ -144,8 +146,9 @@ class Dispenser:
         given = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in DEMANDS.items() if getattr(self, name)]
         if len(given) > 1:
             raise InputError(f"{' and '.join(given)}: only one of {', '.join(DEMANDS)} can be given")
-        for name in ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
-            at_least(name, getattr(self, name), 0, "s", _LONGEST)
+        for name in ("dead_time", "closing_dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
+            if getattr(self, name) is not None:
+                at_least(name, getattr(self, name), 0, "s", _LONGEST)
         if self.metering not in (VOLUMETRIC, TIME_PRESSURE):
             raise unknown("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
         if self.kind not in _KINDS:
@@ -330,8 +333,7 @@ class Dispenser:
 
     def _shots(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> Shots:
         """Return what a jet shoots; arguments as of `flows`."""
-        laid = self.per_e / period * material.laid() if self.per_e else None
-        command = self._command(on, speed, period, material) if laid is None else laid
+        command = self.per_e / period * material.laid() if self.per_e else self._command(on, speed, period, material)
         return shots(self.jet or Jet(), command, period, self.dead_time)
 
     def _command(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> Floats:
@@ -456,16 +458,16 @@ class Dispenser:
 
     def _measure(self, speed: Floats, material: Material) -> Floats:
         """Return what the flow is proportional to: the path speed, or the set point of an output, (n,)."""
-        if not self.per_output:
-            return speed
-        return material.set_point()
+        return material.set_point() if self.per_output else speed
 
     def _request(self, flow: Floats) -> Floats:
         """Return the request for a flow: the flow itself, or the pressure for it [kPa]."""
         return flow if self._driven is None else self._driven.pressure(flow)
 
     def _valve(self, on: NDArray[np.bool_], period: float) -> ValveTimes:
-        return ValveTimes.of(on, period, self.start_lead, self.stop_lead)
+        # the request as a whole is delayed by `dead_time`
+        closing = self.dead_time if self.closing_dead_time is None else self.closing_dead_time
+        return ValveTimes.of(on, period, self.start_lead, self.stop_lead + self.dead_time - closing)
 
     def _at_rest(self) -> Floats:
         """Return the state of the lag before the first tick, see `gantrysim.glue.dispenser.lag`."""
