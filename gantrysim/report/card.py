@@ -1,4 +1,4 @@
-"""card.png of a run: the bead, the verdict's four rows, what spoils it, and what to change, for a forum or a ticket."""
+"""card.png of a run, for a forum or a ticket: the bead, the verdict's rows, what spoils it, and what to change."""
 
 from __future__ import annotations
 

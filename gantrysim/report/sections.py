@@ -178,10 +178,7 @@ def bead_section(bead: Bead) -> Section:
         "Bead",
         remarks or None,
         facts=facts_of(bead_rows(values)),
-        figure=[
-            height_plot(bead),
-            drawn_plot(_coarse_bead, bead, PLOT_WIDTH, 5.4 if bead.analysis.spacing.distance.size else 3.0),
-        ],
+        figure=drawn_plot(_coarse_bead, bead, PLOT_WIDTH, 5.4 if bead.analysis.spacing.distance.size else 3.0),
         table=[_bead_sizes(values), _volumes(values)],
     )
 

@@ -44,6 +44,7 @@ def draw_laid(on: Figure | SubFigure | Axes, results: RunResults, text_size: flo
         x, y, _ = place.point
         axes.plot(x, y, marker="o", ms=13, mfc="none", mec="white", mew=4, zorder=5)
         axes.plot(x, y, marker="o", ms=13, mfc="none", mec=INK, mew=2, zorder=6)
+        plate = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8}
         axes.annotate(
             "worst",
             (x, y),
@@ -54,8 +55,8 @@ def draw_laid(on: Figure | SubFigure | Axes, results: RunResults, text_size: flo
             fontsize=text_size,
             color=INK,
             weight="bold",
+            bbox=plate,
             zorder=7,
-            bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
         )
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_axis_off()
