@@ -20,6 +20,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.render.colours import chosen_colour, scale_for
 from gantrysim.render.encoding import Picture, film_rate, film_writer, save_picture
+from gantrysim.render.end_card import SECONDS, end_card
 from gantrysim.render.flight import Sight
 from gantrysim.render.fonts import PAPER, rgb
 from gantrysim.render.framing import Framing
@@ -113,10 +114,10 @@ class Film(Closing):
         self._runs = [Telemetry(bead.run, bead) for bead in beads]
         self.end = max(float(take.run.time[-1]) for take in takes)
         runs = [take.run for take in takes]
-        verdicts = [take.run.known_verdict if take.verdict is None else take.verdict for take in takes]
+        self._verdicts = verdicts = [take.run.known_verdict if take.verdict is None else take.verdict for take in takes]
         colour = chosen_colour(colour, runs, verdicts)
         scale = scale_for(colour, runs, beads)
-        labels = [take.label or take.machine.name for take in takes]
+        self._labels = labels = [take.label or take.machine.name for take in takes]
         self.panel = Panel(self._runs, self.size, labels[0], scale)
         above = self.panel.size[1]
         room = height - above
@@ -142,8 +143,7 @@ class Film(Closing):
             self._opened = opened.pop_all()
         letters = self.panel.font.size
         self._captions = [
-            Caption("" if verdict is None else verdict.headline, cell.width, letters)
-            for verdict, cell in zip(verdicts, self.cells, strict=True)
+            Caption(verdict, cell.width, letters) for verdict, cell in zip(verdicts, self.cells, strict=True)
         ]
         # frames of a long run need it
         memory.give_back()
@@ -191,12 +191,23 @@ class Film(Closing):
         share = self._flight_share(time, speed)
         for cell, renderer, run in zip(self.cells, self._renderers, self._runs, strict=True):
             cell.of(frame)[:] = renderer.frame(run.tick(time), share)
-        for cell, caption in zip(self.cells, self._captions, strict=True):
-            caption.write(cell.of(frame))
+        for cell, caption, renderer in zip(self.cells, self._captions, self._renderers, strict=True):
+            caption.write(cell.of(frame), self._worst(caption, renderer, time) if share == 1 else None)
         for cell, header in zip(self.cells, self._headers, strict=False):  # one run has none
             Cell(cell.left, cell.top - header.size[1], *header.size).of(frame)[:] = header.picture(time)
         frame[: self.panel.size[1]] = self.panel.picture(time, speed)
         return frame
+
+    def _worst(self, caption: Caption, renderer: Renderer, time: float) -> tuple[float, float] | None:
+        """Return column and row of the verdict's worst place in a picture; None before the run has come to it."""
+        place = caption.place
+        if place is None or place.point is None or place.time is None or time < place.time:
+            return None
+        return renderer.pixel_of(place.point)
+
+    def end_card(self) -> Picture:
+        """Return what the film ends with, for a second: the verdicts on its runs, (height, width, 3)."""
+        return end_card(self.frame(self.end), self._runs, self._labels, self._verdicts)
 
     def _flight_share(self, time: float, speed: float | None) -> float:
         """Return the share of the flight to the bead at a time of the run, 0 to 1; a single picture shows the bead.
@@ -234,7 +245,7 @@ class Film(Closing):
         speed: float | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> int:
-        """Write the film and return its number of frames; on failure an earlier file is kept.
+        """Write the film, with its end card, and return its number of frames; on failure an earlier file is kept.
 
         Args:
             file: to write, .mp4 or .gif. The frames of a GIF last whole hundredths of a second, so it gets the nearest
@@ -253,14 +264,18 @@ class Film(Closing):
         times = self.times(rate, speed)
 
         def samples() -> list[Picture]:  # first, middle and last
-            return [self.frame(times[k * (len(times) - 1) // 2], speed) for k in range(3)]
+            return [*(self.frame(times[k * (len(times) - 1) // 2], speed) for k in range(3)), card]
 
+        card = self.end_card()
+        card_frames = max(round(SECONDS * rate), 1)
         with film_writer(target, rate, self.size, samples) as append:
             for count, time in enumerate(times, 1):
                 append(self.frame(time, speed))
                 if progress is not None:
                     progress(count / len(times))
-        return len(times)
+            for _ in range(card_frames):
+                append(card)
+        return len(times) + card_frames
 
     def save_picture(self, file: str | os.PathLike[str], at: float | None = None) -> None:
         """Write one frame as PNG, at a time of the run or by default at its end [s].
@@ -289,7 +304,7 @@ def save_video(
     file: str | os.PathLike[str],
     *,
     camera: str | None = None,
-    size: tuple[int, int] = (800, 600),
+    size: tuple[int, int] = (960, 540),
     fps: float = 25.0,
     speed: float | None = None,
     bead: BeadSettings | BeadTrace | None = None,

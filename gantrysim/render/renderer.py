@@ -359,6 +359,25 @@ class Renderer(Closing):
             inset.frame(image)
         return image[::-1]
 
+    def pixel_of(self, point: tuple[float, float, float]) -> tuple[float, float] | None:
+        """Return column and row of a point in the work frame [mm] in the last picture, or None outside of it."""
+        data = self.data
+        work = self.scene.machine.work
+        place = data.xpos[work] + data.xmat[work].reshape(3, 3) @ (1e-3 * np.array(point))
+        mujoco.mjv_updateCamera(self.model, data, self.view, self._drawn)
+        left, right = self._drawn.camera
+        forward = np.array(left.forward)
+        up = np.array(left.up)
+        # in the middle between the eyes
+        away = place - 0.5 * (np.array(left.pos) + np.array(right.pos))
+        depth = float(away @ forward) * left.frustum_top / left.frustum_near
+        if depth <= 0:
+            return None
+        width, height = self.size
+        column = 0.5 * width + 0.5 * height * float(away @ np.cross(forward, up)) / depth
+        row = 0.5 * height - 0.5 * height * float(away @ up) / depth
+        return (column, row) if 0 <= column < width and 0 <= row < height else None
+
     def _aim_gloss(self) -> None:
         """Send the light of the gloss so that what is level reflects it into the camera."""
         scene = self.scene
