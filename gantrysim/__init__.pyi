@@ -9,6 +9,7 @@ from .base.errors import GantryError as GantryError
 from .base.errors import InputError as InputError
 from .compare.runs.runs_page import compare_runs as compare_runs
 from .engine.batch import simulate_batch as simulate_batch
+from .engine.rig import Rig as Rig
 from .engine.simulate import perfect_follower as perfect_follower
 from .engine.simulate import simulate as simulate
 from .glue.bead import Bead as Bead

@@ -16,6 +16,7 @@ from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.linear import Engine, check_engine
 from gantrysim.engine.places import LoopPlaces, MuJoCoPlaces
+from gantrysim.engine.rig import Rig
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
@@ -154,4 +155,7 @@ def simulate_batch(
 
     with shown_progress("simulate", progress) as share_done:
         every = run_and_learn(simulations, run)
-    return Runs(started.record() for started in every)
+    return Runs(
+        started.record().replaced(rig=Rig(simulation.machine, simulation.servo, simulation.dispenser))
+        for simulation, started in zip(simulations, every, strict=True)
+    )

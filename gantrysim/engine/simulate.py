@@ -15,6 +15,7 @@ from gantrysim.engine.linear import Engine, check_engine
 from gantrysim.engine.places import LoopPlaces
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
+from gantrysim.engine.rig import Rig
 from gantrysim.engine.simulation import Simulation, Start, checked_dispenser
 from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
@@ -63,7 +64,8 @@ def simulate(
             steps. What a servo or a motor remembers besides, such as an integral, is zero.
 
     Returns:
-        The record, longer than the setpoints by the waits at their gates; a fault ends it early.
+        The record, longer than the setpoints by the waits at their gates; a fault ends it early. Its verdict, report
+        and film have default tolerances and a default bead; a `Job` gives others.
 
     Raises:
         InputError: an argument of the wrong type, setpoints with an unknown axis, a position beyond the travel, a speed
@@ -74,7 +76,8 @@ def simulate(
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
     if start is not None:
         simulation = replace(simulation, begin=start)
-    return stepped_simulation(simulation, law, engine, progress).record()
+    record = stepped_simulation(simulation, law, engine, progress).record()
+    return record.replaced(rig=Rig(machine, servo, simulation.dispenser, has_own_law=law is not None))
 
 
 def stepped_simulation(

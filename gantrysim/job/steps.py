@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gantrysim.job.job import Job
+from gantrysim.job.basis import Basis
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.servo.servo import Servo
@@ -66,7 +66,7 @@ def lost_steps(machine: Machine, servo: Servo, run: Run) -> tuple[LostSteps, ...
     return tuple(lost)
 
 
-def run_notes(job: Job, run: Run) -> tuple[str, ...]:
+def run_notes(job: Basis, run: Run) -> tuple[str, ...]:
     """Return the notes of a job, those on the steps that were lost in its run, and on where its errors are taken."""
     notes = (*job.notes, *map(str, lost_steps(job.built_machine, job.built_servo, run)))
     return notes if run.progress is not None else (*notes, _ASSIGNED)

@@ -21,6 +21,7 @@ from gantrysim.live.packing import NOTHING, message
 from gantrysim.live.store import LONGEST_UPLOAD, Store
 from gantrysim.live.workbench import Workbench, version_of
 from gantrysim.live.worker import Message, Worker
+from gantrysim.results.colours import css_variables
 
 _LONGEST_QUEUE = 2000  # messages that wait for a tab, which is then closed
 _GLANCE = 0.3  # between two looks at the file that is followed [s]
@@ -152,7 +153,8 @@ class Hub:
 async def asset(request: Request) -> Response:
     """Return a part of the page."""
     kind, parts = _ASSETS[request.url.path]
-    return Response("".join(part.read_text(encoding="utf-8") for part in parts), media_type=kind)
+    variables = css_variables() if kind.startswith("text/css") else ""
+    return Response(variables + "".join(part.read_text(encoding="utf-8") for part in parts), media_type=kind)
 
 
 def app_of(hub: Hub) -> Starlette:

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
+    from gantrysim.engine.rig import Rig
+    from gantrysim.job.basis import Basis
     from gantrysim.job.job import Job
     from gantrysim.metrics.budget import Budget
     from gantrysim.results.verdict import Verdict
@@ -82,7 +84,9 @@ class Run(Shown):
         injected: deliberate faults.
         job_sha256, machine_sha256: digests of the job, `Job.digest`, and of the machine, `Machine.digest`, saved with
             the record; empty for a record outside an output folder.
-        job: the `Job` of the run, from `Job.run` or `SavedRun.load`, else None. It is not part of the file.
+        job: the `Job` of the run, from `Job.run` or `SavedRun.load`, else None.
+        rig: machine, servo and dispenser of a run from `simulate`, whose verdict, report and film have default
+            tolerances; None with a job, and of a loaded or pickled record. Job and rig are not part of the file.
     """
 
     machine: str
@@ -118,6 +122,7 @@ class Run(Shown):
     job_sha256: str = ""
     machine_sha256: str = ""
     job: Job | None = None
+    rig: Rig | None = None
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
@@ -138,7 +143,7 @@ class Run(Shown):
 
         # by path it would add a suffix
         with replaced_file(file) as partial, partial.open("wb") as stream:
-            write_record(stream, {name: value for name, value in self._values().items() if name != "job"})
+            write_record(stream, {k: value for k, value in self._values().items() if k not in ("job", "rig")})
 
     def replaced(self, **changes: Any) -> Run:
         """Return the record with some fields replaced; columns in temporary files are not read into memory."""
@@ -149,8 +154,8 @@ class Run(Shown):
         return {field.name: vars(self)[field.name] for field in fields(self)}
 
     def __getstate__(self) -> dict[str, Any]:
-        # without budget and verdict, which are computed again
-        return self._values()
+        # without budget and verdict, which are computed again, and without the rig: its machine cannot be pickled
+        return self._values() | {"rig": None}
 
     def __len__(self) -> int:
         return int(vars(self)["time"].shape[0])
@@ -173,11 +178,9 @@ class Run(Shown):
         return "\n".join([self._verdict_text(), *facts])
 
     def _verdict_text(self) -> str:
-        if self.job is None:
-            return "no verdict: a run without its job has no tolerances"
         try:
             return str(self.verdict)
-        except InputError as error:  # of a run without glue
+        except InputError as error:  # of a run without glue, or a loaded record
             return f"no verdict: {error}"
 
     @cached_property
@@ -193,24 +196,24 @@ class Run(Shown):
 
     @cached_property
     def verdict(self) -> Verdict:
-        """The `Verdict`: path, glue, stability and machine against the job's tolerances.
+        """The `Verdict`: path, glue, stability and machine against the job's tolerances, or default ones.
 
         Raises:
-            InputError: the run has no job, or its dispenser is never on.
+            InputError: the run has neither a job nor a rig, or its dispenser is never on.
         """
-        job = self._job("verdict", "gantrysim.Verdict.of(job, run)")
+        basis = self._basis("verdict")
         from gantrysim.results.verdict import Verdict
 
-        return Verdict.of(job, self)
+        return Verdict.of(basis, self)
 
     @property
-    def verdict_headline(self) -> str:
-        """The verdict in a line; empty where nothing can be judged: no glue, or no job whose code may run."""
-        is_judged = self.job is not None and (self.fault is not None or bool(self.dispense.any()))
+    def known_verdict(self) -> Verdict | None:
+        """The verdict; None where nothing can be judged: no glue, no job or rig, or code that may not run."""
+        is_judged = (self.job or self.rig) is not None and (self.fault is not None or bool(self.dispense.any()))
         try:
-            return self.verdict.headline if is_judged else ""
+            return self.verdict if is_judged else None
         except InputError:  # a saved job that names code which may not run here: its loops are unknown
-            return ""
+            return None
 
     def plot(self) -> Figure:
         """Return a matplotlib figure: the plan, coloured by the error, beside the error budget.
@@ -238,17 +241,19 @@ class Run(Shown):
             improve: whether to simulate what may improve the two worst rows of a verdict that is no pass.
             progress: as in `simulate`.
 
+        A run without a job has no job.toml, no causes and no changes; the page states that its tolerances are defaults.
+
         Returns:
             The path of report.html; None for a run that a fault ended before its dispenser was on, which has no page.
 
         Raises:
-            InputError: the run has no job, or the folder cannot be written.
+            InputError: the run has neither a job nor a rig, or the folder cannot be written.
         """
-        job = self._job("report", "run.replaced(job=job).report(folder)")
+        basis = self._basis("report")
         from gantrysim.remedy.report import changes_of
         from gantrysim.report.writing import write_report
 
-        return write_report(job, self, folder, causes, changes_of if improve else None, progress)
+        return write_report(basis, self, folder, causes, changes_of if improve else None, progress)
 
     def film(self, file: str | os.PathLike[str], **options: Any) -> int:
         """Write a film of the run, MP4 or GIF, and return its number of frames.
@@ -258,19 +263,26 @@ class Run(Shown):
             options: keywords of `gantrysim.render.save_video`.
 
         Raises:
-            InputError: the run has no job, or as `gantrysim.render.save_video`.
+            InputError: the run has neither a job nor a rig, or as `gantrysim.render.save_video`.
         """
-        job = self._job("film", "gantrysim.render.save_video(machine, run, file)")
+        basis = self._basis("film")
         from gantrysim.render import save_video
 
-        values: dict[str, Any] = {"bead": job.bead, "label": job.name, "verdict": self.verdict_headline, **options}
-        return save_video(job.built_machine, self, file, **values)
+        values: dict[str, Any] = {"bead": basis.bead, "label": basis.name, "verdict": self.known_verdict, **options}
+        return save_video(basis.built_machine, self, file, **values)
 
-    def _job(self, name: str, alternative: str) -> Job:
-        """Return the job, or raise InputError with what to write instead."""
-        if self.job is None:
-            raise InputError(f"run.{name}: the run has no job: write {alternative}")
-        return self.job
+    def _basis(self, name: str) -> Basis:
+        """Return what judges the run: its job, or its rig with default tolerances; else raise InputError."""
+        if self.job is not None:
+            return self.job
+        if self.rig is None:
+            raise InputError(
+                f"run.{name}: the record has neither its job nor its machine and servo: write run.replaced(job=job), "
+                f"or run.replaced(rig=gantrysim.Rig(machine, servo, dispenser)), with .{name} behind it"
+            )
+        from gantrysim.job.basis import RigBasis
+
+        return RigBasis(self.rig, self)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with a row per servo tick; `attrs` describe the run.

@@ -11,10 +11,12 @@ from typing import Any
 
 from gantrysim.base.errors import InputError, expanded
 from gantrysim.base.files import check_free, held_folder, pending, replaced_files
+from gantrysim.job.basis import Basis
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import RUN
+from gantrysim.report.answer import Changes
 from gantrysim.report.summary import fault_summary, summary
 from gantrysim.results.run_results import RunResults
 
@@ -24,10 +26,11 @@ VIDEO = "video.mp4"
 PLOTS = "plots"
 RENDER = "render"  # stem of the file that gantrysim render draws of a saved run
 REPORT = "report.html"
+CARD = "card.png"
 RECORD = "record.csv"  # what the controller itself records, where its program asks for it
 _PLOT_NAMES = ("plan", "error", "budget", "spacing", "bead")
 _RENDERED = tuple(f"{RENDER}{suffix}" for suffix in (".mp4", ".gif", ".png"))
-_SHOWN = (SUMMARY, VIDEO, REPORT, *(f"{PLOTS}/{name}.png" for name in _PLOT_NAMES))
+_SHOWN = (SUMMARY, VIDEO, REPORT, CARD, *(f"{PLOTS}/{name}.png" for name in _PLOT_NAMES))
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,8 @@ class Output:
 RUN_OUTPUT = Output("run", RUN, (JOB, RUN, RECORD, *_RENDERED, *_SHOWN))
 # what is written beside the record of a run, once that is on disk
 SHOWN_OUTPUT = Output("run", RUN, _SHOWN)
+# what is written again once it is known what to change
+CHANGED_OUTPUT = Output("run", RUN, (SUMMARY, REPORT, CARD))
 
 
 # of any study, with its own plots and texts
@@ -114,26 +119,28 @@ def output_folder(folder: Path, output: Output = RUN_OUTPUT) -> Iterator[Path]:
 
 
 def write_run(folder: Path, results: RunResults) -> None:
-    """Write job, record, summary, and the controller's own record into a folder."""
-    _write(folder, results.job, results.budget.analysis.run, summary(results))
+    """Write job, record, summary, and the controller's own record into a folder; without a job, record and summary."""
+    _write(folder, results.basis, results.budget.analysis.run, summary(results))
 
 
-def write_summary(folder: Path, results: RunResults) -> None:
-    """Write the summary alone, beside a record that is written."""
-    _write_content(folder, summary(results))
+def write_summary(folder: Path, results: RunResults, changes: Changes | None = None) -> None:
+    """Write the summary alone, beside a record that is written, with what to change in the job if that is known."""
+    _write_content(folder, summary(results, changes))
 
 
-def write_fault(folder: Path, job: Job, machine: Machine, run: Run) -> None:
+def write_fault(folder: Path, job: Basis, machine: Machine, run: Run) -> None:
     """Write the files of a run that a fault ended before the dispenser was on."""
     _write(folder, job, run, fault_summary(job, machine, run))
 
 
-def _write(folder: Path, job: Job, run: Run, content: dict[str, Any]) -> None:
-    (folder / JOB).write_text(job.toml(), encoding="utf-8")
-    digests = {"job_sha256": job.digest, "machine_sha256": content["versions"]["machine_sha256"]}
+def _write(folder: Path, job: Basis, run: Run, content: dict[str, Any]) -> None:
+    digests = {"machine_sha256": content["versions"]["machine_sha256"]}
+    if isinstance(job, Job):
+        (folder / JOB).write_text(job.toml(), encoding="utf-8")
+        job.controller.write_record(run, folder / RECORD)
+        digests["job_sha256"] = job.digest
     run.replaced(**digests).save(folder / RUN)
     _write_content(folder, content)
-    job.controller.write_record(run, folder / RECORD)
 
 
 def _write_content(folder: Path, content: dict[str, Any]) -> None:

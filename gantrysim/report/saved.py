@@ -68,6 +68,12 @@ class SavedRun:
         check_whole(where, f"run {place}")
         missing = [name for name in (JOB, RUN) if not (where / name).is_file()]
         written = _written(where)
+        if missing == [JOB] and not Run.load(where / RUN).job_sha256:
+            raise InputError(
+                f"run {place}: its record was written from Python, without a job, which commands need: read it with "
+                f"gantrysim.Run.load({str(place / RUN)!r}), and film it with .replaced(rig=gantrysim.Rig(machine, "
+                "servo, dispenser)).film(file) behind it"
+            )
         if missing:
             raise InputError(f"run {place}: holds no run: {' and '.join(missing)} missing")
         record = Run.load(where / RUN)

@@ -46,16 +46,20 @@ def test_a_run_printed_has_its_verdict_and_facts_and_its_repr_computes_nothing(r
     assert not {"budget", "verdict"} & set(vars(fresh))
 
 
-def test_a_run_without_a_job_says_what_to_write(jobless, tmp_path):
-    for name, call, advice in (
-        ("verdict", lambda: jobless.verdict, "gantrysim.Verdict.of(job, run)"),
-        ("report", lambda: jobless.report(tmp_path), "run.replaced(job=job).report(folder)"),
-        ("film", lambda: jobless.film(tmp_path / "a.mp4"), "gantrysim.render.save_video(machine, run, file)"),
+def test_a_run_without_job_and_rig_says_what_to_write(jobless, tmp_path):
+    for name, call in (
+        ("verdict", lambda: jobless.verdict),
+        ("report", lambda: jobless.report(tmp_path)),
+        ("film", lambda: jobless.film(tmp_path / "a.mp4")),
     ):
         with pytest.raises(gs.InputError) as error:
             call()
-        assert str(error.value) == f"run.{name}: the run has no job: write {advice}"
-    assert str(jobless).startswith("no verdict: a run without its job has no tolerances\nmachine ")
+        assert str(error.value) == (
+            f"run.{name}: the record has neither its job nor its machine and servo: write run.replaced(job=job), or "
+            f"run.replaced(rig=gantrysim.Rig(machine, servo, dispenser)), with .{name} behind it"
+        )
+    assert str(jobless).startswith("no verdict: run.verdict: the record has neither its job nor ")
+    assert jobless.known_verdict is None
     assert gs.Verdict.of(job_run(JOB).job, jobless).state == job_run(JOB).verdict.state
     assert jobless.budget.values.contour == job_run(JOB).budget.values.contour
 

@@ -58,7 +58,7 @@ def same(one: Run, other: Run) -> bool:
         all(
             np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b
             for f in dataclasses.fields(Run)
-            if f.name != "requested"
+            if f.name not in ("requested", "rig")
             for a, b in [(getattr(one, f.name), getattr(other, f.name))]
         )
         and one.requested.parameters() == other.requested.parameters()

@@ -39,7 +39,7 @@ def test_a_saved_run_is_loaded_to_the_last_bit(xy, tmp_path, path):
         if isinstance(ours, np.ndarray):
             np.testing.assert_array_equal(ours, theirs)
             assert ours.dtype == theirs.dtype
-        elif field.name != "requested":
+        elif field.name not in ("requested", "rig"):
             assert ours == theirs
     s = np.linspace(0, path.length, 50)
     np.testing.assert_array_equal(again.requested.position(s), run.requested.position(s))
