@@ -202,6 +202,7 @@ def test_the_cursor_marks_the_line_and_a_line_its_path(page):
     assert page.browser.text('.readout output[data-name="time"]') != "NaN s"
 
 
+@pytest.mark.soak
 def test_a_lost_server_is_said(browser, folder):
     served = Served(browser, folder, "part.ngc")
     served.open()
