@@ -217,3 +217,31 @@ def test_a_lost_server_is_said(browser, folder):
     assert "server is gone" in browser.text("#lost")
     browser.driver.get("about:blank")
     browser.messages()
+
+
+@pytest.mark.soak
+def test_what_to_change_is_stopped_and_tried(page):
+    page.browser.run("document.querySelector('[data-do=\"improve\"]').click()")
+    page.until("!document.getElementById('work').hidden")
+    page.browser.run("document.querySelector('[data-do=\"stop\"]').click()")
+    page.until("document.getElementById('work').hidden")
+    assert page.browser.run("return document.querySelector('[data-proposal]')") is None
+    page.browser.run("document.querySelector('[data-do=\"improve\"]').click()")
+    page.until("document.querySelector('[data-proposal]') && document.getElementById('work').hidden")
+    cells = "[...document.querySelectorAll('#proposals tbody tr:first-child td')]"
+    promised = page.browser.run(f"return {cells}.slice(0, 4).map((cell) => cell.textContent)")
+    page.changed("document.querySelector('[data-proposal]').click()")
+    assert all(float(usage.removesuffix(" %")) <= 100 for usage in promised)
+    assert page.browser.run("return document.querySelectorAll('#verdict .row.is-fail').length") == 0
+
+
+@pytest.mark.soak
+def test_every_control_moves_the_job(page, folder):
+    sliders = "[...document.querySelectorAll('input[type=range]')]"
+    keys = page.browser.run(f"return {sliders}.map((slider) => slider.dataset.key)")
+    assert len(keys) > 10
+    for key in keys:
+        page.changed(SLIDE, key, 480 if key != "program.acceleration" else 520)
+        assert not page.browser.run("return document.getElementById('refused').textContent"), key
+        page.changed("document.querySelector('[data-do=\"undo\"]').click()")
+    assert page.texts() == expected(Job.load(folder / "short.toml"))

@@ -20,7 +20,6 @@ class Workbench {
     this.head = null;
     this.waiting = false; // for the answer to a slider, until which the next value waits
     this.next = null;
-    this.bytes = 0;
     this.views = new Views({ readout: at("readout"), views: at("views"), strips: at("strips") }, (line) => this.editor.setLine(line));
     this.editor = new Editor(
       { choices: at("texts"), title: at("program-title"), editor: at("editor") },
@@ -125,7 +124,6 @@ class Workbench {
   }
 
   result(head, content, bytes) {
-    this.bytes = bytes;
     this.head = head;
     this.shown = head.number;
     this.refused(null);
@@ -133,6 +131,7 @@ class Workbench {
     document.title = `${head.headline.slice(0, 1)} ${head.name}, gantrysim live`;
     this.views.show(content);
     at("bench").dataset.engine = head.engine;
+    at("bench").dataset.bytes = bytes;
     at("bench").dataset.number = head.number;
     performance.mark("result-shown");
     this.paintStale();
