@@ -20,13 +20,14 @@ class Workbench {
     this.head = null;
     this.waiting = false; // for the answer to a slider, until which the next value waits
     this.next = null;
-    this.views = new Views({ readout: at("readout"), views: at("views"), strips: at("strips") }, (line) => this.editor.setLine(line));
+    this.controls = new Controls(at("controls"), (values, dragging) => this.set(values, dragging));
+    const places = { readout: at("readout"), views: at("views"), strips: at("strips") };
+    this.views = new Views(places, (line) => this.editor.setLine(line), this.controls);
     this.editor = new Editor(
       { choices: at("texts"), title: at("program-title"), editor: at("editor") },
       (kind, text) => this.order({ do: kind, text }),
       (line) => this.views.chooseLine(line),
     );
-    this.controls = new Controls(at("controls"), (values, dragging) => this.set(values, dragging));
     this.link = new Link({
       found: () => this.connected(true),
       lost: () => this.connected(false),
