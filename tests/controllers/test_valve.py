@@ -224,3 +224,19 @@ def test_the_needle_is_lifted_where_no_glue_is_laid():
     by_codes = lifted(through, dispense=Dispense("codes"))
     assert by_codes == [down, "M03", "G1 X10 F600", "G0 Y5", "G1 X0", "M05", up]
     assert lifted("G1 X10 F600\nG0 Y5\nG1 X0") == ["G1 X10 F600", up, "G0 Y5", down, "G1 X0"]
+
+
+def test_an_interface_output_of_fanuc_switches_the_valve_as_an_m_code_does():
+    text = (
+        "M08\nG00 X5\n#1100=1\nG01 X20 F1200\n#1100=0\nG01 X30\n#1100=1\nG01 X40\nG00 X50\n#1100=0\nM09\nG01 X60\nM30"
+    )
+    program = fanuc_program(text)
+    assert laid(program) == [[5, 20], [30, 40]]
+    (note,) = [note for note in program.notes if "opens the valve" in note]
+    assert note.startswith("#1100=1 opens the valve and #1100=0 closes it: glue is laid in moves at feed")
+    assert 'M8 and M9 do not switch it; to let them, --set \'program.dispense={on = ["M8"], off = ["M9"]}\'.' in note
+    assert laid(fanuc_program(text, dispense=Dispense(on=("M8",), off=("M9",)))) == [[5, 40]]
+    assert laid(fanuc_program(text, dispense=Dispense(by="feed"))) == [[5, 40], [50, 60]]
+    # switched once, beside an M code that is switched more often
+    swapped = fanuc_program(text.replace("#1100=", "M6").replace("M61", "M08").replace("M60", "M09"))
+    assert "M8 opens the valve" in " ".join(swapped.notes)
