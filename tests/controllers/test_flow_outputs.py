@@ -142,3 +142,12 @@ def test_a_driven_dispenser_and_the_bounds_of_the_key():
     for word in ("#100", "#1116", "M67 E0"):
         with pytest.raises(InputError, match=r'flow_output = .*must be "S", or the variable of an output'):
             fanuc.Program(FANUC.format(first="S2", second="S5"), flow_output=word)
+
+
+def test_outputs_of_trio_other_than_the_valve_are_named():
+    text = "SPEED=20\nOP(12,ON)\nOP(5,ON)\nMOVE(20)\nWAIT IDLE\nOP(5,OFF)\n"
+    assert any(
+        note.endswith("down; OP(5), OP(12) are, and --set program.valve=5 makes one the valve")
+        for note in Basic(text=text).notes
+    )
+    assert not any("never switched" in note for note in Basic(text=text, valve=5).notes)
