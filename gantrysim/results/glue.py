@@ -31,6 +31,7 @@ from gantrysim.results.verdict_quantities import (
 PlaceAt = Callable[[int], Place]  # place of a tick of the run
 
 GLUE = "glue"
+THROUGH_GLUE = "needle through its own"
 
 # of the requested distance of the turns: beyond it, links that climb are longer than the distance asked in plan view
 _LEVEL = 0.01
@@ -228,7 +229,7 @@ def _ploughing_remarks(ploughing: Ploughing, bead: Bead) -> Iterator[str]:
     below = PLOUGHED_DEPTH.number(ploughing.depth) != "0"
     depth = f"up to {PLOUGHED_DEPTH.text(ploughing.depth)} below its top" if below else "touching its top"
     glue = f"glue, {_counted_noun(ploughing.dots, 'dot')} among it" if ploughing.dots else "bead"
-    yield f"needle through its own {glue}: {passes}, {depth}; {_remedy(ploughing.tick, bead)}"
+    yield f"{THROUGH_GLUE} {glue}: {passes}, {depth}; {_remedy(ploughing.tick, bead)}"
 
 
 def _remedy(tick: int, bead: Bead) -> str:
