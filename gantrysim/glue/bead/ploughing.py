@@ -441,8 +441,8 @@ def _with_dots(sections: Sections, bead: BeadTrace, dots: list[Dot]) -> Sections
     )
     order = np.argsort(np.concatenate([sections.place, capped.place]), kind="stable")
     both = zip(sections[:-1], capped[:-1], strict=True)
-    columns: list[Any] = [np.concatenate(pair)[order] for pair in both]
-    return Sections(*columns, thickness=sections.thickness)
+    columns: list[Any] = [*(np.concatenate(pair)[order] for pair in both), sections.thickness]
+    return Sections(*columns)
 
 
 def _surface(bead: BeadTrace) -> Floats:
