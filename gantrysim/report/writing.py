@@ -83,5 +83,5 @@ def results_of(job: Basis, run: Run, causes: bool = True) -> RunResults:
         losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
     budget = Budget(analysis)
     is_known = run.fault is None and not job.faults and not budget.contradictions
-    found = causes_of(job, budget=budget) if causes and is_known and isinstance(job, Job) else None
-    return RunResults(job, job.built_machine, budget, bead, causes=found, losses=losses)
+    effects = causes_of(job, budget=budget) if causes and is_known and isinstance(job, Job) else None
+    return RunResults(job, job.built_machine, budget, bead, causes=effects, losses=losses)
