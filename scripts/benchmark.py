@@ -396,7 +396,7 @@ def filmed(begin: float, end: float, camera: str | None = "overview") -> tuple[F
     """A film of Trio's spiral, and what draws its frames at times between two shares of the run, panel and all."""
     job = Job.load("an225")
     run = job.run()
-    film = Film([Take(job.built_machine, run, job.name, job.bead, run.verdict_headline)], camera=camera, size=FILM)
+    film = Film([Take(job.built_machine, run, job.name, job.bead, run.known_verdict)], camera=camera, size=FILM)
     times = itertools.cycle(np.linspace(begin, end, FRAMES) * film.end)
     return film, lambda: frames(lambda: film.frame(next(times)))
 

@@ -70,7 +70,7 @@ table = Table("job", "part", "ms a frame", "frames/s")
 for name in sys.argv[1:] or JOBS:
     job = Job.load(name)
     run = job.run()
-    take = Take(job.built_machine, run, name, job.bead, run.verdict_headline)
+    take = Take(job.built_machine, run, name, job.bead, run.known_verdict)
     with Film([take], size=SIZE) as shown, tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "film.mp4"
         shown.frame(shown.end)  # compiles

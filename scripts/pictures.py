@@ -79,7 +79,7 @@ def machine_box(renderer: Renderer) -> tuple[float, ...]:
 
 def take(job: Job, label: str = "") -> Take:
     run = job.run()
-    return Take(job.built_machine, run, label or job.name, job.bead, run.verdict_headline)
+    return Take(job.built_machine, run, label or job.name, job.bead, run.known_verdict)
 
 
 def last_frame(takes: list[Take], size: tuple[int, int], name: str, colour: str | None = None) -> None:

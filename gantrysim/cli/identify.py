@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from gantrysim.base.errors import InputError
+from gantrysim.cli.identify_dispenser import identify_dispenser
 from gantrysim.cli.options import LogPeriod, named_columns
 from gantrysim.cli.terminal import NOT_IDENTIFIED, interruptible, say, share_bar, show, warn
 
@@ -15,7 +17,28 @@ if TYPE_CHECKING:
     from gantrysim.identify.log import Log
     from gantrysim.machine.machine import Machine
 
+_AXES = "axes"
 
+
+class _AxesByDefault(TyperGroup):
+    """Commands of which that for axes needs no name: `gantrysim identify log.csv`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args[:1] != ["--help"] and args[:1] != [_AXES] and args[:1] != [_DISPENSER]:
+            args = [_AXES, *args]
+        return super().parse_args(ctx, args)
+
+
+_DISPENSER = "dispenser"
+identify_app = typer.Typer(
+    cls=_AxesByDefault,
+    add_completion=False,
+    help="Fit a machine's axes to a log, as in gantrysim identify LOG, or a dispenser to measurements.",
+)
+identify_app.command(_DISPENSER)(identify_dispenser)
+
+
+@identify_app.command(_AXES)
 def identify(
     log: Annotated[
         Path | None, typer.Argument(help="Log of the moves: CSV, Parquet, MAT or MCAP.", show_default=False)

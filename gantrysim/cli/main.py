@@ -20,13 +20,15 @@ from gantrysim.cli.compare import compare
 from gantrysim.cli.compile import compile_ahead
 from gantrysim.cli.export import export
 from gantrysim.cli.gains import gains
-from gantrysim.cli.identify import identify
+from gantrysim.cli.identify import identify_app
 from gantrysim.cli.improve import improve
+from gantrysim.cli.live import live
 from gantrysim.cli.machine import ForJob, describe, machine_app
 from gantrysim.cli.options import AllowCode
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.replay import replay
 from gantrysim.cli.run import run
+from gantrysim.cli.show import show_run
 from gantrysim.cli.study import study_app
 from gantrysim.cli.terminal import INPUT_ERROR, interruptible, show, spell_out, tell_compiling, warn
 from gantrysim.cli.tune import tune
@@ -43,6 +45,8 @@ class _Commands(TyperGroup):
         super().__init__(*arguments, **named)
         for command in _below(self):
             command.make_context = signals.deferred()(command.make_context)
+            # typer wraps the lines of a paragraph again
+            command.help = "\n\n".join(" ".join(part.split()) for part in (command.help or "").split("\n\n"))
 
     def make_context(self, *arguments: Any, **named: Any) -> Any:
         with _reported_errors(), signals.deferred():
@@ -77,17 +81,19 @@ app = typer.Typer(
 )
 app.add_typer(study_app, name="study")
 app.add_typer(machine_app, name="machine")
+app.add_typer(identify_app, name="identify")
 app.command()(run)
+app.command("show")(show_run)
 app.command()(check)
 app.command()(improve)
 app.command()(tune)
 app.command()(gains)
 app.command()(export)
 app.command()(compare)
-app.command()(identify)
 app.command()(replay)
 app.command("render")(render_command)
 app.command()(view)
+app.command()(live)
 app.command("compile")(compile_ahead)
 
 

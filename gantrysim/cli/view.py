@@ -95,7 +95,7 @@ def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None
 
 def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | None:
     from gantrysim.engine.simulation import Simulation
-    from gantrysim.render.colours import scale_for
+    from gantrysim.render.colours import chosen_colour, scale_for
     from gantrysim.render.scene import Scene
     from gantrysim.render.view.playback import STIFFNESS, Bodies, Playback
     from gantrysim.render.view.source import Live
@@ -110,7 +110,9 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     )
     # the bead gets the rings of an ideal run, and the colours a scale that fits the run to come
     follower = job.follow()
-    scale = scale_for(colour, [follower if colour == _PLAIN else job.run()], [job.bead])
+    run = follower if colour == _PLAIN else job.run()
+    colour = chosen_colour(colour, [run])
+    scale = scale_for(colour, [run], [job.bead])
     scene = Scene(job.built_machine, follower, job.bead, colour=colour, scale=scale)
     scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
     bodies = Bodies(scene.model, simulation.model)

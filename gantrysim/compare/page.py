@@ -24,14 +24,14 @@ from gantrysim.compare.compare_quantities import (
 )
 from gantrysim.compare.comparison import NOTHING, Comparison
 from gantrysim.compare.over_time import FOLLOWING, TORQUE, AxisDifference
-from gantrysim.compare.runs.compared_run import RUN_COLOURS
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES, PART_SIZES
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import write_page
-from gantrysim.report.plots.style import COLOURS, INK, UM, axes_on, sheet, thinned_line
+from gantrysim.report.plots.style import COLOURS, UM, axes_on, sheet, thinned_line
 from gantrysim.report.sections import drawn_plot
 from gantrysim.report.summary import versions
+from gantrysim.results.colours import INK, RUNS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,8 +51,8 @@ def draw_overlay(figure: Figure | SubFigure, comparison: Comparison) -> tuple[Ax
     panels = figure.subplots(len(names) + 1, sharex=True, squeeze=False)[:, 0]
     for panel, name in zip(panels[:-1], names, strict=True):
         for budget, label, colour in (
-            (comparison.measured, "measured", RUN_COLOURS[0]),
-            (comparison.simulated, "simulated", RUN_COLOURS[1]),
+            (comparison.measured, "measured", RUNS[0]),
+            (comparison.simulated, "simulated", RUNS[1]),
         ):
             part = budget.contour if name == "contour" else budget.parts[name]
             s = budget.analysis.nozzle.s

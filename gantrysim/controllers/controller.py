@@ -40,6 +40,7 @@ class Controller(ABC):
             lines while the axes move; empty for any other.
         corner_argument: dotted name of the argument that rounds corners, more strongly the larger it is; None for a
             controller without one.
+        flow_output: output of the program that is the set point of the flow; empty for none.
     """
 
     speed_scaling: ClassVar[str] = "the program's speed"
@@ -49,6 +50,7 @@ class Controller(ABC):
     loop_words: ClassVar[str] = ""
     ramp_arguments: ClassVar[tuple[str, ...]] = ()
     corner_argument: ClassVar[str | None] = None
+    flow_output: str = ""
 
     @property
     @abstractmethod
@@ -102,6 +104,17 @@ class Controller(ABC):
         raise InputError(
             f"{type(self).__name__}: states one speed for its whole path, so that none can be set by place"
         )
+
+    def with_stretch_flows(self, values: Mapping[int, float]) -> dict[str, Any]:
+        """Return the arguments that must change for stretches to have other set points of the flow, by dotted name.
+
+        Args:
+            values: of `flow_output`, by `Stretches.places`.
+
+        Raises:
+            InputError: the program names no such output, or cannot set it where a stretch begins.
+        """
+        raise InputError(f"{type(self).__name__}: has no output for the flow whose value each stretch can have")
 
     @property
     def program_text(self) -> str:

@@ -1,4 +1,4 @@
-"""Speeds inside a program, which is a text or a list of commands."""
+"""Speeds and set points of the flow inside a program, which is a text or a list of commands."""
 
 from __future__ import annotations
 
@@ -59,7 +59,10 @@ def _appended(code: str, word: str) -> str:
     return f"{stripped} {word}{code[len(stripped) :]}"
 
 
-_FEED_WORD = re.compile(r"(?<![A-Z#<])F\s*(\+?[0-9]*\.?[0-9]+\.?|#[0-9]+|#<[^<>]*>|\[[^\]]*\])", re.IGNORECASE)
+_VALUE = r"\s*(\+?[0-9]*\.?[0-9]+\.?|#[0-9]+|#<[^<>]*>|\[[^\]]*\])"
+_FEED = r"(?<![A-Z#<])F"
+_SPINDLE = r"(?<![A-Z#<])S"
+_ANALOGUE = r"M\s*0*6[78]\s*E\s*0*{number}(?![0-9.])\s*Q"
 # lines after which another line than the next may run, or that set a feed in another way
 _JUMPS = re.compile(r"\bO\s*[0-9<#]|GOTO|WHILE|END|IF|M\s*0*(?:98|99)(?![0-9])|G\s*6[567](?![0-9])", re.IGNORECASE)
 
@@ -67,39 +70,68 @@ _JUMPS = re.compile(r"\bO\s*[0-9<#]|GOTO|WHILE|END|IF|M\s*0*(?:98|99)(?![0-9])|G
 def with_feed_words(text: str, feeds: Mapping[int, float], comment: str) -> str:
     """Return a program whose lines have other feeds, with as few words F as do it.
 
-    A word F is modal: a line whose feed is that of the lines before needs none. After a line from which the program
-    jumps, the next feed is stated again.
-
     Args:
         text: of the program.
         feeds: F of all lines that move at feed, by their numbers, in the program's unit.
         comment: regular expression of a comment.
     """
+    return _with_modal_words(text, feeds, comment, (_FEED, "F"))
+
+
+def with_flow_words(text: str, values: Mapping[int, float], comment: str, output: str) -> str:
+    """Return a program whose lines have other set points of the flow, with as few words as do it.
+
+    Args:
+        text: of the program.
+        values: of all lines that lay glue, by their numbers.
+        comment: regular expression of a comment.
+        output: "S", or with its number "M67 E0".
+    """
+    if output == "S":
+        return _with_modal_words(text, values, comment, (_SPINDLE, "S"))
+    number = output.rpartition("E")[2]
+    return _with_modal_words(text, values, comment, (_ANALOGUE.format(number=number), f"{output} Q"))
+
+
+def _with_modal_words(text: str, values: Mapping[int, float], comment: str, word: tuple[str, str]) -> str:
+    """Return a program whose lines have other values of a word.
+
+    The word is modal: a line whose value is that of the lines before needs none. After a line from which the program
+    jumps, the next value is stated again.
+
+    Args:
+        text: of the program.
+        values: of lines, by their numbers.
+        comment: regular expression of a comment.
+        word: regular expression of what precedes the number, and what is written there.
+    """
+    before, written = word
+    pattern = re.compile(before + _VALUE, re.IGNORECASE)
     lines = text.split("\n")
     jumps = re.search(r"GOTO", re.sub(comment, "", text), re.IGNORECASE) is not None
     modal: float | None = None
     for k, line in enumerate(lines):
         code, remark = _parted(line, comment)
-        word = _FEED_WORD.search(code)
-        feed = feeds.get(k + 1)
-        if feed is None:
-            if word is not None:
-                modal = _value(word[1])
+        match = pattern.search(code)
+        value = values.get(k + 1)
+        if value is None:
+            if match is not None:
+                modal = _value(match[1])
             if jumps or _JUMPS.search(code):
                 modal = None
             continue
-        if word is not None:
-            if _value(word[1]) != float(_decimal(feed)):
-                code = f"{code[: word.start()]}F{_decimal(feed)}{code[word.end() :]}"
-        elif modal != feed:
-            code = _appended(code, f"F{_decimal(feed)}")
+        if match is not None:
+            if _value(match[1]) != float(_decimal(value)):
+                code = f"{code[: match.start()]}{written}{_decimal(value)}{code[match.end() :]}"
+        elif modal != value:
+            code = _appended(code, f"{written}{_decimal(value)}")
         lines[k] = code + remark
-        modal = None if jumps else feed
+        modal = None if jumps else value
     return "\n".join(lines)
 
 
 def _value(word: str) -> float | None:
-    """Return the number of a word F, None for an expression."""
+    """Return the number of a word, None for an expression."""
     try:
         return float(word)
     except ValueError:

@@ -17,6 +17,7 @@ from gantrysim.engine.drives.part import STEPPER
 from gantrysim.engine.injection import faulted_flow, stretches
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.dispenser.dispenser import Dispenser
+from gantrysim.glue.dispenser.driven import Load
 from gantrysim.glue.dispenser.material import Material
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.row import Log
@@ -229,20 +230,25 @@ def dispensed_otherwise(run: Run, dispenser: Dispenser) -> Run:
         dispenser: with a start lead as long as that of the run, so that it holds the program back for as long, and the
             same needle.
     """
-    speed = np.empty(len(run.time))
-    _fill_speeds(speed, seen(run.commanded_tip), run.period)
-    material = Material(run.extrusion, run.extruder, run.analogue)
-    return run.replaced(
-        flow=dispenser.flows(run.dispense, speed, run.period, material),
-        flow_demand=dispenser.flow_demand(run.dispense, speed, run.period, material),
-    )
+    commands = _commands(run)
+    return run.replaced(flow=dispenser.flows(*commands), flow_demand=dispenser.flow_demand(*commands))
 
 
 def dispenser_notes(run: Run, dispenser: Dispenser) -> tuple[str, ...]:
     """Return the dispenser's notes on the commands of a run."""
+    return dispenser.notes(*_commands(run))
+
+
+def dispenser_loads(run: Run, dispenser: Dispenser) -> tuple[Load, ...]:
+    """Return what the commands of a run ask of the dispenser's motor."""
+    return dispenser.loads(*_commands(run))
+
+
+def _commands(run: Run) -> tuple[NDArray[np.bool_], Floats, float, Material]:
+    """Return what a dispenser follows in a run."""
     speed = np.empty(len(run.time))
     _fill_speeds(speed, seen(run.commanded_tip), run.period)
-    return dispenser.notes(run.dispense, speed, run.period, Material(run.extrusion, run.extruder, run.analogue))
+    return run.dispense, speed, run.period, Material(run.extrusion, run.extruder, run.analogue)
 
 
 class LogBook:

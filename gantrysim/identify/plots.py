@@ -19,7 +19,8 @@ from gantrysim.identify.result import AxisFit
 from gantrysim.identify.torque_regression import WIDTH, TorqueRegression
 from gantrysim.identify.whiteness import correlation
 from gantrysim.report.plots.pictures import PAGE_COLUMNS
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, axes_on, sheet, thinned_line
+from gantrysim.report.plots.style import COLOURS, UM, axes_on, sheet, thinned_line
+from gantrysim.results.colours import AXES, INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -236,7 +237,7 @@ def _colour(fit: AxisFit, log: Log) -> str:
 
 
 def _colours(count: int) -> list[str]:
-    return [AXIS_COLOURS[k % len(AXIS_COLOURS)] for k in range(count)]
+    return [AXES[k % len(AXES)] for k in range(count)]
 
 
 def _small(unit: str) -> tuple[str, float]:

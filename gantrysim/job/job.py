@@ -16,6 +16,7 @@ from gantrysim.engine.recording import dispenser_notes
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
 from gantrysim.glue.dispenser.dispenser import VALVE
+from gantrysim.glue.dispenser.material import output_note
 from gantrysim.job.loaded import LoadedJob
 from gantrysim.job.margins import check_stability, machine_notes, servo_reason
 from gantrysim.job.plan import Plan, check_fit, plan_of
@@ -67,6 +68,8 @@ class Job(LoadedJob):
         if self.controller.feeds_material:
             notes = (*notes, self.dispenser.material_note(is_advanced=self.setpoints.extruder is not None))
         dispenser = self.dispenser
+        if self.controller.flow_output:
+            notes = (*notes, output_note(self.controller.flow_output, dispenser.per_output))
         if dispenser.syringe is None and not dispenser.advance and dispenser.kind == VALVE:
             return notes
         return notes + dispenser_notes(self.follow(), dispenser)

@@ -125,31 +125,42 @@ def machine_of(name: str, controller: Controller) -> str:
         return MACHINE
 
 
+def pressing_height(machine: Machine, face: float) -> float:
+    """Return the height above the work at which a needle's face presses the default glue flat [mm].
+
+    It is that of the machine at its zero, so that a needle that runs higher or lower lays the same section. Half the
+    face stands for it where the needle hangs higher than it is wide, and its program lowers it.
+    """
+    return machine.gap if machine.gap <= face else 0.5 * face
+
+
+def needle_face(machine: Machine, needle: Needle | None) -> float:
+    """Return the outer diameter of the needle; a machine that draws none has the default one [mm]."""
+    if needle is not None:
+        return needle.face
+    return Needle().face if machine.needle is None else machine.needle[0]
+
+
 def needle_area(machine: Machine, needle: Needle | None, bead: BeadSettings) -> float:
     """Return the largest cross-section of a bead that the needle's face presses flat, to three digits [mm²].
 
-    More would rise beside the needle and leave a groove; less leaves the bead narrower. A machine that draws no needle
-    has the default one. It is the section under the needle at the machine's zero: one that runs higher or lower lays
-    the same glue.
+    More would rise beside the needle and leave a groove; less leaves the bead narrower.
     """
-    drawn_face = Needle().face if machine.needle is None else machine.needle[0]
-    face = drawn_face if needle is None else needle.face
-    # a nozzle that hangs high above the work at home is lowered by its program; a bead is no higher than its needle
-    is_high = machine.gap > face
-    gap = bead.gap if is_high and bead.gap is not None else machine.gap
-    section = Section.pressed_flat(min(gap, face), bead.contact_angle, face)
+    face = needle_face(machine, needle)
+    section = Section.pressed_flat(pressing_height(machine, face), bead.contact_angle, face)
     return float(f"{section.area[0]:.3g}")
 
 
-def choice_note(open_values: OpenValues, job: JobContent, controller: Controller, gap: float) -> str:
+def choice_note(open_values: OpenValues, job: JobContent, controller: Controller, machine: Machine) -> str:
     """Return one sentence on what was chosen, and how to choose otherwise; empty where nothing was.
 
     Args:
         open_values: what nobody gave.
         job: with the choices.
         controller: with its program.
-        gap: height of the machine's needle above the work at its zero [mm].
+        machine: of the job.
     """
+    gap = machine.gap
     parts = []
     if open_values.dialect is not None:
         controller_name, reason = open_values.dialect
@@ -167,7 +178,8 @@ def choice_note(open_values: OpenValues, job: JobContent, controller: Controller
         )
     elif open_values.glue and job.dispenser.area:
         area = job.dispenser.area
-        where = f" {gap:.4g} mm above the work" if job.bead.gap is not None else ""
+        pressing = pressing_height(machine, needle_face(machine, job.dispenser.needle))
+        where = "" if job.bead.gap is None and pressing == gap else f" {pressing:.4g} mm above the work"
         parts.append(
             f"glue {area:g} mm² times path speed{_flow_text(job, controller)}, what the needle presses flat{where}, "
             f"none at standstill (--set dispenser.area={area:g} or --set dispenser.flow=100)"
@@ -313,7 +325,7 @@ class LoadedJob(JobContent):
         if not is_code(name):
             changes = fit_changes(job, job.built_machine, job.controller, open_values)
             job = job.changed(changes).sharing(job) if changes else job
-        note = choice_note(open_values, job, job.controller, job.built_machine.gap)
+        note = choice_note(open_values, job, job.controller, job.built_machine)
         return job.with_choice(note) if note else job
 
     def at_speed(self, speed: float) -> Self:

@@ -207,13 +207,13 @@ class Run(Shown):
         return Verdict.of(basis, self)
 
     @property
-    def verdict_headline(self) -> str:
-        """The verdict in a line; empty where nothing can be judged: no glue, no job or rig, code that may not run."""
+    def known_verdict(self) -> Verdict | None:
+        """The verdict; None where nothing can be judged: no glue, no job or rig, or code that may not run."""
         is_judged = (self.job or self.rig) is not None and (self.fault is not None or bool(self.dispense.any()))
         try:
-            return self.verdict.headline if is_judged else ""
+            return self.verdict if is_judged else None
         except InputError:  # a saved job that names code which may not run here: its loops are unknown
-            return ""
+            return None
 
     def plot(self) -> Figure:
         """Return a matplotlib figure: the plan, coloured by the error, beside the error budget.
@@ -268,7 +268,7 @@ class Run(Shown):
         basis = self._basis("film")
         from gantrysim.render import save_video
 
-        values: dict[str, Any] = {"bead": basis.bead, "label": basis.name, "verdict": self.verdict_headline, **options}
+        values: dict[str, Any] = {"bead": basis.bead, "label": basis.name, "verdict": self.known_verdict, **options}
         return save_video(basis.built_machine, self, file, **values)
 
     def _basis(self, name: str) -> Basis:

@@ -184,6 +184,12 @@ class Setpoints:
         return len(self.position) + self.gates.size * (periods(self.supervision.settle_timeout, self.period) + 1)
 
     @property
+    def time_before_glue(self) -> float:
+        """Time before the first dispensing, inf where there is none [s]."""
+        first = int(np.argmax(self.dispense))
+        return first * self.period if self.dispense[first] else math.inf
+
+    @property
     def material(self) -> dict[str, Floats]:
         """The columns of what the program asks of the dispenser, by name; empty where it does that by its command."""
         return {name: getattr(self, name) for name in MATERIAL if vars(self)[name] is not None}

@@ -7,7 +7,9 @@ at first, another run starts and stops its beads slowly: the errors of a spiral 
 its start, for one, lie further on. The limit of 95 % of the contour error is one of the whole path: the level that each
 stretch may use follows from what the path has used.
 
-Every run is that of the program as it would be written: with speeds of few digits, and few changes of the speed.
+Every run is that of the program as it would be written: with speeds of few digits, and few changes of the speed. Where
+the program sets the flow by an output, each line states the set point that keeps the section at its speed; where that
+is no better, or there is no such output, the flow follows the speed by itself.
 """
 
 from __future__ import annotations
@@ -44,6 +46,7 @@ _COMPENSATIONS = 7  # times of the lag compensation that are tried; they need no
 _NEAR = 1.03  # times the shortest time, among which the fewest changes of the speed count
 _ENOUGH = 0.005  # share of the time by which another run would have to be shorter
 _READ_BACK = 1e-6  # relative
+_FLOW_DIGITS = 4  # of a set point
 
 
 @dataclass(frozen=True)
@@ -54,11 +57,13 @@ class PlaceSpeed:
         place: line of the program's text, or number of the stretch.
         before: programmed path speed [mm/s].
         after: path speed of the rewritten program [mm/s].
+        flow: set point of the flow there, of the program's output; None where the flow follows otherwise.
     """
 
     place: int
     before: float
     after: float
+    flow: float | None = None
 
 
 @dataclass(frozen=True)
@@ -86,12 +91,21 @@ class SpeedByPlace:
     @property
     def heads(self) -> tuple[str, ...]:
         """Heads of the table of speeds."""
-        return ("from", "to", "speed [mm/s]")
+        return ("from", "to", "speed [mm/s]", *([self.job.controller.flow_output] if self._has_flows else []))
 
     @property
     def cells(self) -> list[tuple[str, ...]]:
         """The table of speeds, a row for each stretch of one speed, with its lines or numbers."""
-        return [(str(first), str(last), f"{speed:.4g}") for first, last, speed in self.rows]
+        flows = {speed.place: f"{speed.flow:g}" for speed in self.speeds if speed.flow is not None}
+        return [
+            (str(first), str(last), f"{speed:.4g}", *([flows.get(first, "")] if self._has_flows else []))
+            for first, last, speed in self.rows
+        ]
+
+    @property
+    def _has_flows(self) -> bool:
+        """Whether stretches have set points of the flow of their own."""
+        return any(speed.flow is not None for speed in self.speeds)
 
     @property
     def changes(self) -> int:
@@ -113,6 +127,8 @@ class SpeedByPlace:
         slowest = min(speed.after for speed in self.speeds)
         fastest = max(speed.after for speed in self.speeds)
         glue = "".join(f", {key} = {value:g}" for key, value in self.glue.items())
+        if self._has_flows:
+            glue = f", {self.job.controller.flow_output} by line{glue}"
         times = f"{self.outcome.duration:.2f} s instead of {self.other:.2f} s"
         if all(speed.after == speed.before for speed in self.speeds):
             return f"{self.outcome.state} with the program's own speeds: {times}{glue}"
@@ -132,10 +148,23 @@ def speed_by_place(base: Job, other: Outcome, bench: Bench) -> SpeedByPlace | st
     """
     try:
         stretches = base.controller.stretches(base.servo.period)
+    except InputError as error:
+        return str(error)
+    by_line = _line_flow(base, stretches, bench)
+    if by_line is not None:
+        result = _best_of(_Search(base, stretches, _compensations(base, {}), bench, by_line), other, bench)
+        if isinstance(result, SpeedByPlace):
+            return result
+    try:
         glue = _glue_changes(base, bench)
     except InputError as error:
         return str(error)
-    search = _Search(base, stretches, glue, bench)
+    return _best_of(_Search(base, stretches, glue, bench), other, bench)
+
+
+def _best_of(search: _Search, other: Outcome, bench: Bench) -> SpeedByPlace | str:
+    """Return the best of a search, or why there is none; arguments as of `speed_by_place`."""
+    base = search.job
     search.run()
     better = [trial for trial in search.trials if not trial.outcome.failure and _is_better(trial.outcome, other)]
     for trial in _in_order(better):
@@ -144,7 +173,8 @@ def speed_by_place(base: Job, other: Outcome, bench: Bench) -> SpeedByPlace | st
         outcome, note = bench.confirmed(trial.job)
         if not outcome.failure and _is_better(outcome, other):
             speeds = tuple(
-                PlaceSpeed(place, search.programmed[place], speed) for place, speed in sorted(trial.speeds.items())
+                PlaceSpeed(place, search.programmed[place], speed, trial.flows.get(place))
+                for place, speed in sorted(trial.speeds.items())
             )
             changed = _changed_glue(base, trial.job)
             return SpeedByPlace(trial.job, outcome, note, speeds, other.duration, len(search.trials), changed)
@@ -188,6 +218,11 @@ def _glue_changes(job: Job, bench: Bench) -> list[Mapping[str, Any]]:
         if isinstance(settings, str):
             raise InputError(settings)
         flow = settings[0].changes
+    return _compensations(job, flow)
+
+
+def _compensations(job: Job, flow: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return changes of the flow without and with a compensation of its lag."""
     dispenser = job.dispenser
     shortest = min(dispenser.opening, dispenser.closing)
     longest = max(dispenser.opening, dispenser.closing) + dispenser.dead_time
@@ -199,7 +234,36 @@ def _is_read_back(trial: _Trial, period: float) -> bool:
     """Return whether the rewritten program states the speeds that it was given."""
     again = trial.job.controller.stretches(period)
     stated = dict(zip(again.places.tolist(), again.speeds.tolist(), strict=True))
-    return all(math.isclose(stated.get(place, 0.0), speed, rel_tol=_READ_BACK) for place, speed in trial.speeds.items())
+    return all(
+        math.isclose(stated.get(place, 0.0), speed, rel_tol=_READ_BACK) for place, speed in trial.speeds.items()
+    ) and _flows_are_read_back(trial, period)
+
+
+def _flows_are_read_back(trial: _Trial, period: float) -> bool:
+    """Return whether the rewritten program sets the flow of each stretch that lays glue as it was given."""
+    if not trial.flows:
+        return True
+    setpoints = trial.job.controller.setpoints(period)
+    assert setpoints.analogue is not None
+    line = trial.job.controller.lines_at(setpoints.time)
+    change = np.diff(line) != 0
+    # where the line changes, either holds
+    is_inside = setpoints.dispense & ~np.append(change, False) & ~np.append(False, change)
+    wanted = np.array([trial.flows.get(number, math.nan) for number in line[is_inside].tolist()])
+    return bool(np.isclose(setpoints.analogue[is_inside], wanted, rtol=_READ_BACK).all())
+
+
+def _line_flow(job: Job, stretches: Stretches, bench: Bench) -> float | None:
+    """Return the set point of the flow for each mm/s of the path speed, where lines can state it; else None."""
+    dispenser = job.dispenser
+    nominal = bench.measure(job).nominal
+    if not dispenser.per_output or not nominal:
+        return None
+    try:
+        job.controller.with_stretch_flows(dict.fromkeys(stretches.places.tolist(), 1.0))
+    except InputError:
+        return None
+    return nominal / dispenser.per_output
 
 
 @dataclass(frozen=True)
@@ -210,6 +274,7 @@ class _Trial:
     speeds: Mapping[int, float]
     outcome: Outcome
     usage: LocalUsage | None
+    flows: Mapping[int, float] = field(default_factory=dict)
 
 
 class _Search:
@@ -220,15 +285,26 @@ class _Search:
         stretches: of its program.
         glue: changes of the job's glue, of which each run takes the best.
         bench: simulates.
+        by_line: set point of the flow for each mm/s of the path speed, stated by line; None where the flow follows the
+            speed by itself.
 
     Attributes:
         trials: runs so far.
+        job: at the program's speed.
     """
 
-    def __init__(self, job: Job, stretches: Stretches, glue: Sequence[Mapping[str, Any]], bench: Bench) -> None:
+    def __init__(
+        self,
+        job: Job,
+        stretches: Stretches,
+        glue: Sequence[Mapping[str, Any]],
+        bench: Bench,
+        by_line: float | None = None,
+    ) -> None:
         self.trials: list[_Trial] = []
+        self.job = job
         self._glue = glue
-        self._job = job
+        self._by_line = by_line
         self._stretches = stretches
         self._bench = bench
         self._model = SpeedModel(stretches)
@@ -306,10 +382,13 @@ class _Search:
         return np.array([speeds.get(place, 0.0) for place in self._stretches.places.tolist()])
 
     def _trial(self, speeds: Mapping[int, float]) -> _Trial:
-        job = self._job
+        job = self.job
         if self.trials:
-            arguments = self._job.controller.with_stretch_speeds(speeds)
-            job = self._job.changed({f"program.{name}": value for name, value in arguments.items()})
+            job = _with_program(job, job.controller.with_stretch_speeds(speeds))
+        flows: dict[int, float] = {}
+        if self._by_line is not None:
+            flows = {place: float(f"{self._by_line * speed:.{_FLOW_DIGITS}g}") for place, speed in speeds.items()}
+            job = _with_program(job, job.controller.with_stretch_flows(flows))
         usage = None
         try:
             # another glue does not change the motion
@@ -319,7 +398,7 @@ class _Search:
                 usage = self._usage(job, motion, outcome)
         except GantryError as error:
             outcome = Outcome(None, failure=str(error))
-        trial = _Trial(job, speeds, outcome, usage)
+        trial = _Trial(job, speeds, outcome, usage, flows)
         self.trials.append(trial)
         return trial
 
@@ -337,6 +416,11 @@ class _Search:
         # of another glue than that which ran
         run = dispensed_otherwise(motion.run, job.dispenser)
         return local_usage(analysis, Bead(run, job.bead, analysis), outcome.verdict.tolerance, self._stretches)
+
+
+def _with_program(job: Job, arguments: Mapping[str, Any]) -> Job:
+    """Return a job with other arguments of its program."""
+    return job.changed({f"program.{name}": value for name, value in arguments.items()})
 
 
 def _p95_usage(outcome: Outcome) -> float:

@@ -12,7 +12,6 @@ from gantrysim.base.errors import GantryError
 from gantrysim.engine.linear import Engine
 from gantrysim.engine.recording import dispensed_otherwise
 from gantrysim.glue.bead import Bead
-from gantrysim.glue.dispenser.dispenser import time_before
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
@@ -90,7 +89,7 @@ def motion_key(job: Job, before: float | None = None) -> str:
 def time_before_glue(job: Job) -> float:
     """Return the time before the first dispensing of a job's program, 0 for a program that is refused [s]."""
     try:
-        return time_before(job.controller.setpoints(job.servo.period))
+        return job.controller.setpoints(job.servo.period).time_before_glue
     except GantryError:  # its run tells why
         return 0.0
 

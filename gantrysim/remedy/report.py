@@ -11,8 +11,10 @@ from gantrysim.compare.runs.runs_page import RunComparison, checks_table, compar
 from gantrysim.job.job import Job
 from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.improve import improve, worst_rows
-from gantrysim.remedy.improvement import USAGE, Improvement
+from gantrysim.remedy.improvement import USAGE, Improvement, names_of, options
+from gantrysim.remedy.lever import FREE
 from gantrysim.remedy.outcome import Outcome
+from gantrysim.report.answer import Changes, Remedy
 from gantrysim.report.document import Section, Table
 from gantrysim.results.checks import PASS
 from gantrysim.results.verdict import Verdict
@@ -21,14 +23,19 @@ TITLE = "What to change"
 NAMES = ("before", "after")
 
 
-def changes_of(job: Job, verdict: Verdict) -> Section | None:
-    """Return the section for the two worst rows of the verdict on a job's run.
+def changes_of(job: Job, verdict: Verdict) -> Changes | None:
+    """Return what to change for the two worst rows of the verdict on a job's run.
 
     None for a verdict that is a pass, and for a run with faults, whose cause is known.
     """
     if verdict.state == PASS or verdict.unjudged or job.faults:
         return None
-    return change_section(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False, by_place=False))
+    return found_changes(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False, by_place=False))
+
+
+def found_changes(improvement: Improvement) -> Changes:
+    """Return what to change, for a run's page."""
+    return Changes(remedy_of(improvement), change_section(improvement))
 
 
 def change_section(improvement: Improvement) -> Section:
@@ -59,8 +66,37 @@ def change_section(improvement: Improvement) -> Section:
         rows = [improvement.rows[0], *improvement.trial_rows]
         title = f"Each lever alone: {len(improvement.trials)} runs"
         tables.append(Table(improvement.heads, rows, _caption(USAGE), folded=title))
+    texts += [f"Not tried, as {reason}: {names}." for reason, names in improvement.untried.items()]
     lines = "\n".join(f"# {place}\n{text.rstrip()}\n" for place, text in improvement.lines.items())
     return Section(TITLE, texts, table=tables or None, code=lines or None)
+
+
+def remedy_of(improvement: Improvement) -> Remedy:
+    """Return what to change for the first screen: the levers, the lines to paste, and the verdict that they lead to."""
+    if not improvement.changes_anything:
+        return Remedy(_caption(improvement.sentence), sentence=improvement.sentence)
+    after = improvement.improved
+    costs = "; ".join(dict.fromkeys(trial.lever.cost for trial in improvement.combination if trial.lever.cost != FREE))
+    before, now = (f"{outcome.duration:.2f} s" for outcome in (improvement.before, improvement.after))
+    time = f"{now}, as before" if before == now else f"{now} instead of {before}"
+    remains = "" if after.worst_check is None else f", {after.worst_check.brief}"
+    outcome = f"{after.headline}{remains}; {time}"
+    lines = improvement.lines
+    return Remedy(
+        _caption(f"{names_of(improvement.combination)}."),
+        f"{outcome}. Costs: {costs}." if costs else f"{outcome}.",
+        lines.get("job file") or lines.get("command line", ""),
+        tuple(options(improvement.base, improvement.job)),
+        improvement.sentence,
+        _values(improvement),
+    )
+
+
+def _values(improvement: Improvement) -> str:
+    """Return the worst values after the changes of the rows that do not pass without them, or with them."""
+    bad = [row.name for row in improvement.verdict.rows if row.state != PASS]
+    rows = [row for row in improvement.improved.rows if row.checks and (row.name in bad or row.state != PASS)]
+    return "; ".join(f"{row.name}: {row.checks[0].brief}" for row in rows)
 
 
 def _caption(text: str) -> str:

@@ -1,46 +1,34 @@
-"""Colour scales of a bead: by its share of the tolerance, its width or its contour error."""
+"""Colours of a bead: its share of the path's tolerance, its width, or whichever of these is judged worse."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ImageColor
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.glue.bead.sweep import Sweep
 from gantrysim.glue.bead.trace import BeadSettings, BeadTrace
+from gantrysim.job.tolerance import Tolerance
 from gantrysim.record.run import Run
-from gantrysim.results.glue import BeadWidth
+from gantrysim.results.colours import MAGNITUDE, SHARE, WIDTH, ColourScale
+from gantrysim.results.glue import GLUE
+from gantrysim.results.verdict import Verdict
 
 PLAIN = "plain"
 VERDICT = "verdict"
-COLOURS = (PLAIN, VERDICT, "width", "error")
+BY_WIDTH = "width"
+BY_ERROR = "error"
+COLOURS = (PLAIN, VERDICT, BY_WIDTH, BY_ERROR)
 
-_SHADES = 256
-# span of a scale, in percentiles of the values: a peak at a corner or a blob at a stop must not dominate it
-_ERROR_PERCENTILE = 99.5
-_WIDTH_PERCENTILES = (5.0, 95.0)
-_LEAST_ERROR = 1.0  # smallest span of an error scale [µm]
-_LEAST_WIDTH = 0.02  # smallest span of a width scale to either side, relative to the nominal width
+_ERROR_PERCENTILE = 99.5  # end of a scale of errors without a tolerance, which a peak at a corner must not stretch
+_LEAST_ERROR = 1.0  # smallest span of such a scale [µm]
 _LABEL_ERROR = 0.005  # rounding of labels, relative to the span
 _UM = 1e3
-# colours of the verdict by share of the tolerance: blue to green within, yellow near it, red beyond; blind to red and
-# green one still sees blue, yellow and dark
-_VERDICT_COLOURS = (
-    (0.0, "#2a5fa5"),
-    (0.8, "#6fc7b4"),
-    (0.8, "#f2c14e"),
-    (1.0, "#f2c14e"),
-    (1.0, "#e0512f"),
-    (2.0, "#7a0018"),
-)
-_VERDICT_END = 2.0  # of the scale, in tolerances
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +40,7 @@ class Scale:
         unit: of the quantity.
         low, high: values at the first and the last colour.
         below, above: whether there are values beyond these; they have the first or the last colour.
-        table: colours from low to high, (256, 3), 0 to 255.
-        limit: value that is marked on the scale, None for none.
+        colours: from low to high.
     """
 
     title: str
@@ -62,8 +49,12 @@ class Scale:
     high: float
     below: bool
     above: bool
-    table: NDArray[np.uint8]
-    limit: float | None = None
+    colours: ColourScale
+
+    @property
+    def table(self) -> NDArray[np.uint8]:
+        """Colours at even places from low to high, (256, 3), 0 to 255."""
+        return self.colours.table()
 
     @property
     def short_title(self) -> str:
@@ -71,26 +62,36 @@ class Scale:
         return self.title.split()[-1]
 
     def share(self, values: Floats) -> Floats:
-        """Return where values lie between low and high, 0 to 1."""
-        return np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
+        """Return the places of values on the scale, 0 at low to 1 at high."""
+        colours = self.colours
+        share = (values - self.low) / (self.high - self.low)
+        return colours.places(colours.low + share * (colours.high - colours.low))
+
+    @property
+    def label_places(self) -> tuple[float, float, float]:
+        """Places of the labels on the scale: its ends, and the tolerance, the nominal width or the middle."""
+        return (0.0, float(self.colours.places(np.array(self.colours.middle))), 1.0)
 
     def labels(self) -> tuple[str, str, str]:
-        """Return the lowest, middle and highest value as text, with the digits that half a percent of the span needs.
+        """Return the values at `label_places` as text, with the digits that half a percent of the span needs.
 
         A sign before the first or the last marks values beyond it.
         """
-        values = (self.low, 0.5 * (self.low + self.high), self.high)
-        rounding = _LABEL_ERROR * (self.high - self.low)
+        colours = self.colours
+        span = self.high - self.low
+        middle = self.low + span * (colours.middle - colours.low) / (colours.high - colours.low)
+        values = (self.low, middle, self.high)
         for digits in itertools.count():
             texts = [f"{value:.{digits}f}" for value in values]
-            if all(abs(float(text) - value) <= rounding for text, value in zip(texts, values, strict=True)):
+            away = (abs(float(text) - value) for text, value in zip(texts, values, strict=True))
+            if all(distance <= _LABEL_ERROR * span for distance in away):
                 break
-        low, middle, high = texts
+        low, text, high = texts
         if self.below:
             low = f"≤ {low}"
         if self.above:
             high = f"≥ {high}"
-        return low, middle, high
+        return low, text, high
 
 
 def scale_for(
@@ -98,53 +99,70 @@ def scale_for(
 ) -> Scale | None:
     """Return one colour scale for the beads of several runs, or None for plain beads.
 
-    A scale of the verdict ends at twice the tolerance, and marks the tolerance. An error scale begins at 0 and ends at
-    the 99.5th percentile. A width scale is centred on the first run's nominal width, where that is known, and spans the
-    5th to the 95th percentile, so that a blob at a stop does not dominate it.
+    Its tolerance and nominal width are those of the first run. The contour error is coloured up to ten tolerances, the
+    width up to three on either side of the nominal one. Without a job there is no tolerance of the path: the scale ends
+    at the 99.5th percentile.
 
     Args:
-        colour: one of `COLOURS`.
+        colour: "width", "error" or "plain".
         runs: the runs to be coloured.
         beads: bead settings of each run, or the beads themselves.
 
     Raises:
-        InputError: no such colour, or a verdict on a run without a job.
+        InputError: no such colour.
     """
-    if colour not in COLOURS:
+    if colour not in (PLAIN, BY_WIDTH, BY_ERROR):
         raise unknown("colour", colour, COLOURS)
     if colour == PLAIN:
         return None
-    if beads is None:
-        beads = [None] * len(runs)
-    sweeps = [Sweep(run, bead) for run, bead in zip(runs, beads, strict=True)]
-    values = np.concatenate([_values(colour, sweep) for sweep in sweeps])
-    if colour == VERDICT:
-        span = (0.0, _VERDICT_END)
-        return replace(_scale("error in tolerances", "", span, values, _verdict_table()), limit=1.0)
-    if colour == "error":
-        largest = float(np.percentile(values, _ERROR_PERCENTILE))
-        high = _rounded_up(max(largest, _LEAST_ERROR))
-        # without viridis' darkest shades
-        return _scale("contour error", "µm", (0.0, high), values, _table("viridis", 0.22, 1.0))
-    nominal = float(sweeps[0].bead_trace.nominal_section.width[0]) or float(np.median(values)) or 1.0  # or no glue
-    reach = float(np.abs(np.percentile(values, _WIDTH_PERCENTILES) - nominal).max())
-    reach = min(_rounded_up(max(reach, _LEAST_WIDTH * nominal)), nominal)
-    return _scale("bead width", "mm", (nominal - reach, nominal + reach), values, _table("coolwarm", 0.0, 1.0))
+    settings = beads or [None] * len(runs)
+    traces = [BeadTrace.of(run, bead) for run, bead in zip(runs, settings, strict=True)]
+    values = np.concatenate([values_along(colour, trace) for trace in traces])
+    first = runs[0]
+    nominal = float(traces[0].nominal_section.width[0]) or float(np.median(values)) or 1.0  # or no glue
+    if colour == BY_WIDTH:
+        share = Tolerance.bead_width if first.job is None else first.job.limits(first.face, nominal).bead_width
+        reach = WIDTH.high * share / 100 * nominal
+        return _scale("bead width", "mm", (nominal - reach, nominal + reach), values, WIDTH)
+    if first.job is not None:
+        largest = SHARE.high * _UM * first.job.limits(first.face).path_max
+        return _scale("contour error", "µm", (0.0, largest), values, SHARE)
+    largest = float(np.percentile(values, _ERROR_PERCENTILE))
+    return _scale("contour error", "µm", (0.0, _rounded_up(max(largest, _LEAST_ERROR))), values, MAGNITUDE)
 
 
-def _scale(title: str, unit: str, span: tuple[float, float], values: Floats, table: NDArray[np.uint8]) -> Scale:
+def _scale(title: str, unit: str, span: tuple[float, float], values: Floats, colours: ColourScale) -> Scale:
     """Return a scale over a span, which marks values beyond it."""
     low, high = span
-    return Scale(title, unit, low, high, bool(values.min() < low), bool(values.max() > high), table)
+    return Scale(title, unit, low, high, bool(values.min() < low), bool(values.max() > high), colours)
+
+
+def chosen_colour(colour: str | None, runs: Sequence[Run], verdicts: Sequence[Verdict | None] | None = None) -> str:
+    """Return the colour of beads: "verdict", or none given, is the width or the error, whichever is judged worse.
+
+    Stability and machine have no place on a bead.
+
+    Args:
+        colour: one of `COLOURS`, or None.
+        runs: the runs to be coloured.
+        verdicts: on the runs; the worst one decides. By default those of the runs.
+
+    Raises:
+        InputError: a verdict on a run without a job, which has the tolerances.
+    """
+    if colour not in (None, VERDICT):
+        return colour
+    if colour == VERDICT and any(run.job is None for run in runs):
+        raise InputError("colour verdict: the run has no job, which gives the tolerances: use error or width")
+    known = [run.known_verdict for run in runs] if verdicts is None else verdicts
+    rows = [verdict[verdict.shown_row] for verdict in known if verdict is not None and verdict.rows]
+    worst = max(rows, key=lambda row: row.severity, default=None)
+    return BY_WIDTH if worst is not None and worst.name == GLUE else BY_ERROR
 
 
 def values_along(colour: str, bead_trace: BeadTrace) -> Floats:
-    """Return what colours a bead at its stations, (r,): for "width" [mm], "error" [µm], "verdict" in tolerances."""
-    if colour == "width":
-        return bead_trace.width
-    if colour == VERDICT:
-        return usage_along(bead_trace)
-    return errors_along(bead_trace)
+    """Return what colours a bead at its stations, (r,): its width [mm], or its contour error [µm]."""
+    return bead_trace.width if colour == BY_WIDTH else errors_along(bead_trace)
 
 
 def errors_along(bead_trace: BeadTrace) -> Floats:
@@ -157,60 +175,7 @@ def errors_along(bead_trace: BeadTrace) -> Floats:
     return bead_trace.along(_UM * np.interp(ticks, analysis.ticks, analysis.nozzle.distance))
 
 
-def usage_along(bead_trace: BeadTrace) -> Floats:
-    """Return the share of its tolerance that the worse of contour error and width uses at the stations, (r,).
-
-    Away from starts and stops, as in the verdict, where alone the width is judged.
-
-    Raises:
-        InputError: the run has no job, which has the tolerance.
-    """
-    run = bead_trace.run
-    if run.job is None:
-        raise InputError("colour verdict: the run has no job, which gives the tolerances: use error or width")
-    width = float(bead_trace.nominal_section.width[0]) if bead_trace.nominal > 0 else math.nan
-    tolerance = run.job.limits(run.face, width)
-    usage = errors_along(bead_trace) / (_UM * tolerance.path_max)
-    if bead_trace.nominal <= 0 or not run.dispense.any():
-        return usage
-    bead_width = BeadWidth(bead_trace, tolerance)
-    return np.maximum(usage, np.where(bead_width.judged, np.abs(bead_width.error) / tolerance.bead_width, 0.0))
-
-
-def default_colour(runs: Sequence[Run]) -> str:
-    """Return the colour by the verdict, or by the error where a run has no job."""
-    return VERDICT if all(run.job is not None for run in runs) else "error"
-
-
-def _values(colour: str, sweep: Sweep) -> Floats:
-    """Return the coloured quantity of a whole bead at each place of its rings, (k,)."""
-    mesh = sweep.mesh(len(sweep.bead_trace.run.time) - 1)
-    # rings of an end and unused ones share a place
-    _, first = np.unique(mesh.place, return_index=True)
-    if colour == "width":
-        return mesh.width[first]
-    return np.interp(mesh.place[first], sweep.bead_trace.place, values_along(colour, sweep.bead_trace))
-
-
 def _rounded_up(value: float) -> float:
     """Return a value rounded up to two digits."""
     digit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(math.ceil(value / digit - 1e-9) * digit)
-
-
-def _table(name: str, first: float, last: float) -> NDArray[np.uint8]:
-    # slow to import, and needed for coloured beads alone
-    from matplotlib import colormaps
-
-    shades: NDArray[np.float64] = colormaps[name](np.linspace(first, last, _SHADES))
-    return np.round(255 * shades[:, :3]).astype(np.uint8)
-
-
-def _verdict_table() -> NDArray[np.uint8]:
-    """Return the shades of the verdict, with steps at the warning and at the tolerance."""
-    shades = np.linspace(0.0, _VERDICT_END, _SHADES)
-    stops = [stop for stop, _ in _VERDICT_COLOURS]
-    colours = np.array([ImageColor.getrgb(colour) for _, colour in _VERDICT_COLOURS], float)
-    # np.interp takes the first of two equal stops from below, so that a step stays a step
-    table = np.stack([np.interp(shades, stops, channel) for channel in colours.T], axis=1)
-    return np.round(table).astype(np.uint8)

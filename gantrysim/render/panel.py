@@ -14,7 +14,8 @@ from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import LINE, MUTED, PAPER, Font, font, rgb
 from gantrysim.render.strip import Strip
 from gantrysim.render.telemetry import Telemetry
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK
+from gantrysim.report.plots.style import COLOURS
+from gantrysim.results.colours import INK, RUNS
 
 # Drawings of a bead's colour scale: upright beside the pictures of a film, level in the viewer.
 
@@ -64,7 +65,8 @@ class Legend:
         first = 1 + round((LINE * len(self._title) + 0.5) * font.size)
         last = height - 1 - round(0.75 * font.size)
         column = round(font.margin + bar + _GAP * font.size)
-        for text, row in zip(self._scale.labels(), (last, (first + last) // 2, first), strict=True):
+        for text, place in zip(self._scale.labels(), self._scale.label_places, strict=True):
+            row = round(last + place * (first - last))
             font.write(draw, (column, row), text, INK, "lm")
         picture = np.array(image)
         colours = self._scale.table[np.round(np.linspace(255, 0, last + 1 - first)).astype(int)]
@@ -100,7 +102,6 @@ _ENOUGH_LETTERS = 0.75  # size of the letters at which a simpler layout is taken
 _BESIDE_FAULTS = 4.2  # width of the strip that fault messages leave free, in sizes of the letters
 _MOST_FAULTS = 0.42  # height of fault messages, relative to the strip's
 _WIDEST_READOUT = "contour error8888.8 mm/s"
-_RUN_COLOURS = (COLOURS["servo"], AXIS_COLOURS[1], COLOURS["structure"], AXIS_COLOURS[3])
 _RULE = "#d5d9df"
 
 
@@ -108,7 +109,7 @@ def run_colours(count: int) -> tuple[str, ...]:
     """Return the colours of runs side by side; a single one has the contour error's colour in all plots."""
     if count == 1:
         return (COLOURS["contour"],)
-    return _RUN_COLOURS[:count]
+    return RUNS[:count]
 
 
 def _readout_width(runs: int, end: float, letters: Font) -> int:

@@ -14,7 +14,8 @@ from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import MUTED, PAPER, Font, rgb
 from gantrysim.render.telemetry import Telemetry
-from gantrysim.report.plots.style import COLOURS, INK
+from gantrysim.report.plots.style import COLOURS
+from gantrysim.results.colours import INK
 
 _GREY = COLOURS["requested"]
 _FAULT = COLOURS["fault"]

@@ -7,12 +7,13 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from gantrysim.base.files import replaced_file
+from gantrysim.report.answer import written_on
 from gantrysim.report.document import Section
 from gantrysim.report.figures import Figures, figures_of, section_name, several
+from gantrysim.results.colours import css_variables
 
 
 def write_page(
@@ -36,12 +37,14 @@ class DrawnPage:
         subtitle: line below the title.
         sections: the unique name of each section, the section, and its figures as SVG with their widths.
         warning: shown above all else.
+        date: when it was made.
     """
 
     title: str
     subtitle: str
     sections: Sequence[tuple[str, Section, Figures]]
     warning: str | None = None
+    date: str = ""
 
     def write(self, file: str | os.PathLike[str]) -> None:
         """Write the page as one HTML file that includes style, figures and video; an earlier one stays until then.
@@ -65,7 +68,8 @@ class DrawnPage:
             title=self.title,
             subtitle=self.subtitle,
             warning=self.warning,
-            style=Markup((folder / "page.css").read_text(encoding="utf-8")),
+            date=self.date,
+            style=Markup(css_variables() + (folder / "page.css").read_text(encoding="utf-8")),
             viewer=_viewer_files() if any(section.viewer for _, section, _ in self.sections) else None,
             space=_space_script() if any(section.in_space for _, section, _ in self.sections) else None,
             sections=[entry for entry in self.sections if not entry[1].lacks_video],
@@ -98,11 +102,11 @@ def draw_page(
         drawn.append((name, section, ahead.get(section.title) or figures_of(section, name)))
         if progress is not None:
             progress(len(drawn) / len(sections))
-    return DrawnPage(title, subtitle, drawn, warning)
+    return DrawnPage(title, subtitle, drawn, warning, written_on())
 
 
-def _base64(file: Path) -> str:
-    return base64.b64encode(file.read_bytes()).decode("ascii")
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode("ascii")
 
 
 def _with_names(sections: Sequence[Section]) -> Iterator[tuple[str, Section]]:

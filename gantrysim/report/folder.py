@@ -16,6 +16,7 @@ from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import RUN
+from gantrysim.report.answer import Changes
 from gantrysim.report.summary import fault_summary, summary
 from gantrysim.results.run_results import RunResults
 
@@ -25,10 +26,11 @@ VIDEO = "video.mp4"
 PLOTS = "plots"
 RENDER = "render"  # stem of the file that gantrysim render draws of a saved run
 REPORT = "report.html"
+CARD = "card.png"
 RECORD = "record.csv"  # what the controller itself records, where its program asks for it
 _PLOT_NAMES = ("plan", "error", "budget", "spacing", "bead")
 _RENDERED = tuple(f"{RENDER}{suffix}" for suffix in (".mp4", ".gif", ".png"))
-_SHOWN = (SUMMARY, VIDEO, REPORT, *(f"{PLOTS}/{name}.png" for name in _PLOT_NAMES))
+_SHOWN = (SUMMARY, VIDEO, REPORT, CARD, *(f"{PLOTS}/{name}.png" for name in _PLOT_NAMES))
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,8 @@ class Output:
 RUN_OUTPUT = Output("run", RUN, (JOB, RUN, RECORD, *_RENDERED, *_SHOWN))
 # what is written beside the record of a run, once that is on disk
 SHOWN_OUTPUT = Output("run", RUN, _SHOWN)
+# what is written again once it is known what to change
+CHANGED_OUTPUT = Output("run", RUN, (SUMMARY, REPORT, CARD))
 
 
 # of any study, with its own plots and texts
@@ -119,9 +123,9 @@ def write_run(folder: Path, results: RunResults) -> None:
     _write(folder, results.basis, results.budget.analysis.run, summary(results))
 
 
-def write_summary(folder: Path, results: RunResults) -> None:
-    """Write the summary alone, beside a record that is written."""
-    _write_content(folder, summary(results))
+def write_summary(folder: Path, results: RunResults, changes: Changes | None = None) -> None:
+    """Write the summary alone, beside a record that is written, with what to change in the job if that is known."""
+    _write_content(folder, summary(results, changes))
 
 
 def write_fault(folder: Path, job: Basis, machine: Machine, run: Run) -> None:

@@ -13,26 +13,26 @@ from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.error_quantities import TORQUE_RIPPLE
-from gantrysim.report.causes import causes_section
+from gantrysim.report.answer import Answer, Changes, Remedy
+from gantrysim.report.causes import causes_section, glue_causes_section
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import DrawnPage, draw_page
 from gantrysim.report.figures import Figures
-from gantrysim.report.headline import headline
+from gantrysim.report.plots.laid import draw_laid
 from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
     bead_section,
     budget_section,
     dots_section,
+    drawn_plot,
     errors_section,
     faults_section,
     path_section,
     spacing_section,
-    summary_facts,
 )
 from gantrysim.report.summary import versions
 from gantrysim.results.quantities import TORQUE_RIPPLE_PERCENT
 from gantrysim.results.run_results import AxisLoop, RunResults
-from gantrysim.results.verdict import Verdict
 from gantrysim.servo.gains import GAINS
 from gantrysim.servo.laws import LAW_PARAMETERS
 from gantrysim.servo.laws.selection import Laws, words
@@ -44,7 +44,16 @@ from gantrysim.servo.stability.margins import NO_LOOP, Margins
 # The order of a run's report: what one asks first comes first, details are folded.
 
 # is it good enough, where and how, what spoils it, what to change
-_FIRST = ("Verdict", "Deliberate faults", "Bead and path", "Summary", "Error budget", "Causes", "What to change")
+_STILL = (6.6, 5.2)  # picture of the bead, in print and where scripts do not run [inch]
+_FIRST = (
+    "Verdict",
+    "Deliberate faults",
+    "Bead and path",
+    "Error budget",
+    "Causes",
+    "Causes of the glue's error",
+    "What to change",
+)
 
 
 def in_order(sections: Iterable[Section]) -> list[Section]:
@@ -55,21 +64,14 @@ def in_order(sections: Iterable[Section]) -> list[Section]:
     return [*first, *details]
 
 
-# The verdict's section of a report.
-
-
-def verdict_section(verdict: Verdict) -> Section:
-    """Return the section of the verdict: a row per value that it shows."""
-    if verdict.unjudged:
-        return Section("Verdict", verdict.headline)
-    rows = [
-        [f"{row.symbol} {row.state}" if k == 0 else "", row.name if k == 0 else "", text]
-        for row in verdict.rows
-        for k, text in enumerate(row.texts)
-    ]
+def verdict_section(results: RunResults, remedy: Remedy | None = None) -> Section:
+    """Return the section of the verdict, the page's first screen: the answer beside the bead, and all checks folded."""
+    verdict = results.verdict
     caption = "A value above 80 % of its limit is a warning; limits are given by [tolerance] in the job, or defaults"
+    heads = ["verdict", "of", "worst value and its limit"]
+    table = None if verdict.unjudged else Table(heads, verdict.cells, caption, folded="All values and limits")
     return Section(
-        "Verdict", verdict.headline, table=Table(["verdict", "of", "worst value and its limit"], rows, caption)
+        "Verdict", table=table, still=drawn_plot(draw_laid, results, *_STILL), answer=Answer.of(results, remedy)
     )
 
 
@@ -185,7 +187,7 @@ def run_page(
     results: RunResults,
     video: str | os.PathLike[str] | None = None,
     progress: Callable[[float], None] | None = None,
-    changes: Section | None = None,
+    changes: Changes | None = None,
     figures: Mapping[str, Figures] | None = None,
 ) -> DrawnPage:
     """Return the report of a run with its figures drawn, ready to be written.
@@ -194,7 +196,7 @@ def run_page(
         results: of the run, with its bead.
         video: MP4 file that is included where it exists when the page is written.
         progress: called with the completed share.
-        changes: section on what to change in the job, which a room above this one makes.
+        changes: what to change in the job, which a room below this one finds.
         figures: of `sections_with_figures` of these results, drawn ahead; None to draw them here.
     """
     run = results.budget.analysis.run
@@ -227,7 +229,7 @@ def sections_with_figures(results: RunResults) -> list[Section]:
     return [section for section in in_order(run_sections(results)) if section.has_figures]
 
 
-def run_sections(results: RunResults, video: Path | None = None, changes: Section | None = None) -> Iterator[Section]:
+def run_sections(results: RunResults, video: Path | None = None, changes: Changes | None = None) -> Iterator[Section]:
     """Yield the sections of a run's report, see `run_page`."""
     job = results.basis
     machine = results.machine
@@ -235,15 +237,16 @@ def run_sections(results: RunResults, video: Path | None = None, changes: Sectio
     bead = results.bead
     analysis = budget.analysis
     run = analysis.run
-    yield verdict_section(results.verdict)
-    yield Section("Summary", headline(budget, results.causes), facts=summary_facts(budget))
+    yield verdict_section(results, None if changes is None else changes.remedy)
     if run.injected:
         yield faults_section(run, results.losses)
-    yield budget_section(budget, machine)
+    yield budget_section(results)
     if results.causes is not None:
         yield causes_section(results.causes)
+    if results.glue_causes is not None:
+        yield glue_causes_section(results.glue_causes)
     if changes is not None:
-        yield changes
+        yield changes.section
     if results.scatter is not None:
         yield scatter_section(results.scatter)
     yield path_section(results, video)

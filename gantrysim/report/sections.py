@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -11,16 +12,16 @@ from gantrysim.base.quantity import RANGE, RMS, number_text
 from gantrysim.glue.bead import Bead, BeadValues
 from gantrysim.glue.bead.values import BEAD, VOLUME_ERROR_PERCENT
 from gantrysim.job.losses import Losses, events
-from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG, LAG, PROGRAM
 from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartValues
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table, with_minus
-from gantrysim.report.headline import NO_ERROR
+from gantrysim.report.headline import NO_ERROR, contour_sentence
 from gantrysim.report.plots.bead import draw_bead_along
 from gantrysim.report.plots.budget import draw_by_turn, draw_shares
+from gantrysim.report.plots.laid import bead_picture
 from gantrysim.report.plots.pictures import (
     HALF,
     PAGE_COLUMNS,
@@ -28,7 +29,6 @@ from gantrysim.report.plots.pictures import (
     budget_plot,
     error_plot,
     height_plot,
-    plan_plot,
     spacing_plot,
 )
 from gantrysim.report.plots.spacing import draw_polar_spacing
@@ -58,8 +58,9 @@ def summary_facts(budget: Budget) -> list[RowTexts]:
     return facts_of([*errors, *motion_rows(budget.analysis)])
 
 
-def budget_section(budget: Budget, machine: Machine) -> Section:
-    """Return the section of the error budget."""
+def budget_section(results: RunResults) -> Section:
+    """Return the section of the error budget, after the run's most important values."""
+    budget = results.budget
     values = budget.values
     shown = (_SHARE, *PART_SIZES, *PART_PLACE)
     numbers: list[str | Column] = [*(Column.of(quantity) for quantity in shown), "x, y, z [mm]"]
@@ -77,12 +78,13 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
     )
     axes = Table(
         ["axis", *numbers],
-        [row(budget.values_of(part), axis) for axis, part in budget.servo_by_axis(machine).items()],
+        [row(budget.values_of(part), axis) for axis, part in budget.servo_by_axis(results.machine).items()],
         "Servo part by axis, to first order",
     )
     return Section(
         "Error budget",
         [
+            contour_sentence(budget, results.causes),
             "Errors are normal to the path. Contributions sum at every sample; a negative share offsets others. A link "
             "locates the error on the chain, as the difference of two traces; it does not say what caused it.",
             f"Lag of the nozzle along the path, not part of the contour error: {LAG.text(values.lag.rms)} rms, "
@@ -94,6 +96,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
             *([drawn_plot(draw_by_turn, budget, HALF, _LOW_PLOT)] if values.turns else []),
         ],
         still=budget_plot(budget),
+        facts=summary_facts(budget),
     )
 
 
@@ -149,15 +152,20 @@ def faults_section(run: Run, losses: Losses | None) -> Section:
 
 
 def path_section(results: RunResults, video: Path | None = None) -> Section:
-    """Return the section of the nozzle's path: the page's viewer, the film, and for print the plan view.
+    """Return the section of the nozzle's path: the page's viewer, and the film.
 
     Args:
         results: of the run.
         video: film of the run, included where it exists.
     """
-    plan = plan_plot(results.budget.analysis)
     viewer = ViewerData(results)
-    return Section("Bead and path", video=video, viewer=viewer.text(), in_space=viewer.in_space, still=plan)
+    return Section(
+        "Bead and path",
+        video=video,
+        poster=partial(bead_picture, results),
+        viewer=viewer.text(),
+        in_space=viewer.in_space,
+    )
 
 
 def spacing_section(analysis: Analysis) -> Section:
@@ -178,10 +186,7 @@ def bead_section(bead: Bead) -> Section:
         "Bead",
         remarks or None,
         facts=facts_of(bead_rows(values)),
-        figure=[
-            height_plot(bead),
-            drawn_plot(_coarse_bead, bead, PLOT_WIDTH, 5.4 if bead.analysis.spacing.distance.size else 3.0),
-        ],
+        figure=drawn_plot(_coarse_bead, bead, PLOT_WIDTH, 5.4 if bead.analysis.spacing.distance.size else 3.0),
         table=[_bead_sizes(values), _volumes(values)],
     )
 

@@ -23,6 +23,7 @@ from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import leaves_plane
 from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines_at
+from gantrysim.job.tolerance import Tolerance
 from gantrysim.machine.outline import Part, Solid, outline
 from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
@@ -92,6 +93,7 @@ _LISTED = 2000  # lines of a program that is listed whole; of a longer one only 
 _CORNER_DECIMALS = 4
 _DOT_DECIMALS = 4
 _DIGITS = 3  # significant, of a column's largest value
+_PLACE_DECIMALS = 2  # [mm]
 
 ERROR = "error"
 BEAD = "bead"
@@ -131,13 +133,14 @@ class Series:
     def content(self, values: Floats) -> dict[str, Any]:
         """Return its label, unit, decimals and colour for the page."""
         largest = float(np.nanmax(np.abs(values), initial=1.0))
-        whole = int(np.log10(largest)) + 1
+        # three digits of the largest value; of places hundredths
+        decimals = _DIGITS - 1 - int(np.log10(largest)) if self.group else _PLACE_DECIMALS
         return {
             "name": self.name,
             "label": self.label,
             "unit": self.unit,
             "group": self.group,
-            "decimals": int(np.clip(_DIGITS + 1 - whole, 1, 3)),
+            "decimals": int(np.clip(decimals, 0, _DIGITS - 1)),
             "colour": COLOURS.get(self.name),
             "dash": DASHES.get(self.name, []),
             "meaning": self.meaning,
@@ -235,12 +238,15 @@ class ViewerData:
         rounded: list[list[float]] = table.round(_CORNER_DECIMALS).tolist()
         return rounded
 
+    @cached_property
+    def _tolerance(self) -> Tolerance:
+        """The job's tolerances, also of a run that is not judged, for its colours."""
+        return self.results.basis.limits(self.results.budget.analysis.run.face)
+
     @property
-    def _width_tolerance(self) -> float | None:
+    def _width_tolerance(self) -> float:
         """Tolerance of the bead's width; of the volume of dots where there is no bead, which is coloured then [%]."""
-        tolerance = self.results.verdict.tolerance
-        if tolerance is None:
-            return None
+        tolerance = self._tolerance
         return tolerance.dot_volume if self._bead is None and self.results.dots else tolerance.bead_width
 
     @property
@@ -250,6 +256,15 @@ class ViewerData:
             return ""
         text = job.program.get(job.controller.text_argument, "")
         return text if isinstance(text, str) else ""
+
+    @property
+    def _worst_row(self) -> int | None:
+        """Row at which the verdict is worst, where the cursor begins; None where no time of it is known."""
+        place = self.results.verdict.worst_place
+        if place is None or place.time is None:
+            return None
+        times = self.results.budget.analysis.run.time[self.rows]
+        return int(np.abs(times - place.time).argmin())
 
     def content(self) -> dict[str, Any]:
         """Return what the viewer reads: columns, their series, the program's text, nominal values and tolerances."""
@@ -266,7 +281,7 @@ class ViewerData:
             values = series.at(rows)
             columns[series.name] = encoded_numbers(values)
             contents.append(series.content(values))
-        tolerance = self.results.verdict.tolerance
+        verdict = self.results.verdict
         bead = self._bead
         if self.in_space and bead is not None:
             columns["height"] = encoded_numbers(bead_height(bead, rows))
@@ -280,7 +295,9 @@ class ViewerData:
             "corners": self.corners(),
             "program": _listing(self._program_text, lines),
             "magnification": magnification(self.results.budget.analysis),
-            "path_tolerance": None if tolerance is None else _UM * tolerance.path_max,
+            "worst": self._worst_row,
+            "shown": verdict.shown_row,
+            "path_tolerance": _UM * self._tolerance.path_max,
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": self._width_tolerance,
             "dots": [_dot_content(verdict, rows) for verdict in self.results.dots],

@@ -15,15 +15,17 @@ from gantrysim.job.losses import Losses
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
-from gantrysim.report.document import Section
+from gantrysim.report.answer import Answer, Changes
+from gantrysim.report.card import save_card
 from gantrysim.report.figures import figures_ahead
-from gantrysim.report.folder import PLOTS, REPORT, output_folder, write_fault, write_run
+from gantrysim.report.folder import CARD, PLOTS, REPORT, output_folder, write_fault, write_run, write_summary
 from gantrysim.report.page import run_page, sections_with_figures
 from gantrysim.report.plots import save_plots
+from gantrysim.results.glue_causes import glue_causes_of
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 
-Changes = Callable[[Job, Verdict], Section | None]
+ChangesOf = Callable[[Job, Verdict], Changes | None]
 
 
 def write_report(
@@ -31,17 +33,17 @@ def write_report(
     run: Run,
     folder: str | os.PathLike[str],
     causes: bool = True,
-    changes: Changes | None = None,
+    changes: ChangesOf | None = None,
     progress: Progress = None,
 ) -> Path | None:
-    """Write job, record, summary, plots and page of a run into a folder.
+    """Write job, record, summary, plots, card and page of a run into a folder.
 
     Args:
         job: of the run, or the basis of a run without one: there are then no job.toml, causes and changes.
         run: the record.
         folder: to write to; files of an earlier run are replaced.
         causes: whether to run the job again with one cause of error at a time switched off.
-        changes: returns the page's section on what to change in the job, from the verdict on its run; None for none.
+        changes: returns what to change in the job, from the verdict on its run; None to leave that out.
         progress: as in `simulate`.
 
     Returns:
@@ -59,8 +61,11 @@ def write_report(
         write_run(scratch, results)
         figures = figures_ahead(sections_with_figures(results), scratch / PLOTS)
         save_plots(results.budget, scratch / PLOTS, bead=results.bead, only_missing=True)
-        section = changes(job, results.verdict) if changes is not None and isinstance(job, Job) else None
-        run_page(results, None, advance, section, figures).write(scratch / REPORT)
+        proposal = changes(job, results.verdict) if changes is not None and isinstance(job, Job) else None
+        if proposal is not None:
+            write_summary(scratch, results, proposal)
+        save_card(scratch / CARD, results, Answer.of(results, None if proposal is None else proposal.remedy))
+        run_page(results, None, advance, proposal, figures).write(scratch / REPORT)
     return target / REPORT
 
 
@@ -83,5 +88,7 @@ def results_of(job: Basis, run: Run, causes: bool = True) -> RunResults:
         losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
     budget = Budget(analysis)
     is_known = run.fault is None and not job.faults and not budget.contradictions
-    effects = causes_of(job, budget=budget) if causes and is_known and isinstance(job, Job) else None
-    return RunResults(job, job.built_machine, budget, bead, causes=effects, losses=losses)
+    if not (causes and is_known and isinstance(job, Job)):
+        return RunResults(job, job.built_machine, budget, bead, losses=losses)
+    causes_known = causes_of(job, budget=budget)
+    return RunResults(job, job.built_machine, budget, bead, causes_known, glue_causes_of(job, bead), losses)

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from gantrysim.base.display import Shown
 from gantrysim.base.quantity import MAX, P95
+from gantrysim.engine.recording import dispenser_loads
 from gantrysim.glue.bead import Bead
+from gantrysim.glue.dispenser.driven import Load
 from gantrysim.job.basis import Basis
 from gantrysim.job.lines import program_lines
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.job.steps import lost_steps
-from gantrysim.job.tolerance import DEFAULT, Bound, Tolerance
+from gantrysim.job.tolerance import DEFAULT, GIVEN, Bound, Tolerance
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
@@ -25,7 +27,7 @@ from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, worst
 from gantrysim.results.glue import GLUE, glue_row
 from gantrysim.results.row import Row
-from gantrysim.results.verdict_quantities import SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
+from gantrysim.results.verdict_quantities import LOADS, SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
 from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
 from gantrysim.servo.stability.margins import Margins, margins_of
 
@@ -47,6 +49,7 @@ class Verdict(Shown):
         fault: description of the fault that ended the run early; empty for a complete run. No row is then judged.
         contradiction: why the errors of a complete run are not known, see `gantrysim.metrics.budget`; empty
             where they are. No row is then judged.
+        stall: that the dispenser's motor stalls, or does not follow its command, and when; empty where it follows.
         tolerance: limits; None for a run that a fault ended.
         disturbances: deliberate faults that occurred in a complete run, by time; its rows are judged with them.
     """
@@ -56,6 +59,7 @@ class Verdict(Shown):
     tolerance: Tolerance | None = None
     disturbances: tuple[str, ...] = ()
     contradiction: str = ""
+    stall: str = ""
 
     @classmethod
     def of(cls, job: Basis, run: Run) -> Verdict:
@@ -94,13 +98,15 @@ class Verdict(Shown):
         tolerance = job.limits(run.face, width)
         line_at = program_lines(job, len(run.time))
         place_at = places_of(run, line_at)
+        loads = dispenser_loads(run, job.dispenser)
         rows = (
             path_row(budget.contour_values, tolerance, line_at),
             glue_row(bead, tolerance, place_at, is_requested=job.dispenser.flows_at_all),
             stability_row(job, job.margins if machine is None else margins_of(machine, job.built_servo), tolerance),
-            machine_row(job, run, tolerance, place_at),
+            machine_row(job, run, tolerance, place_at, loads),
         )
-        return cls(rows, "", tolerance, tuple(str(fault) for fault in reached_faults(run)))
+        disturbances = tuple(str(fault) for fault in reached_faults(run))
+        return cls(rows, "", tolerance, disturbances, stall=_stall(loads, run))
 
     @classmethod
     def of_contradictions(cls, contradictions: tuple[str, ...]) -> Verdict:
@@ -130,6 +136,12 @@ class Verdict(Shown):
         return row if row.state in (WARN, FAIL) else None
 
     @property
+    def shown_row(self) -> str:
+        """Name of the row that pictures of a bead show: "path" or "glue", whichever is worse; others have no place."""
+        rows = [row for row in self.rows if row.name in (PATH, GLUE)]
+        return max(rows, key=lambda row: row.severity).name if rows else PATH
+
+    @property
     def worst_check(self) -> Check | None:
         """The worst check of the worst row; None where there is no such row, or its remark alone says why it fails."""
         row = self.worst_row
@@ -151,7 +163,8 @@ class Verdict(Shown):
         if self.unjudged:
             return f"{SYMBOLS[self.state]} {self.state}: {self.unjudged}"
         blamed = [row.name for row in self.rows if row.state != PASS and row.state in (self.state, UNJUDGED)]
-        names = f": {', '.join(blamed)}" if blamed else ""
+        causes = [*([self.stall] if self.stall else ()), *([", ".join(blamed)] if blamed else ())]
+        names = f": {'; '.join(causes)}" if causes else ""
         # the fault in a word and its time: what it does is told beside it
         faults = ", ".join(text.partition(": ")[0] for text in self.disturbances)
         return f"{SYMBOLS[self.state]} {self.state}{names}{f'; with {faults}' if faults else ''}"
@@ -161,11 +174,16 @@ class Verdict(Shown):
         """The verdict as text: its headline, and for a complete run a line for each displayed value."""
         if self.unjudged:
             return (f"verdict {self.headline}",)
-        lines = [f"verdict {self.headline}"]
-        for row in self.rows:
-            head = f"{row.symbol} {row.state}"
-            lines += [f"{head if k == 0 else '':12} {row.name if k == 0 else '':9} {text}" for k, text in _texts(row)]
-        return tuple(lines)
+        return (f"verdict {self.headline}", *(f"{head:12} {name:9} {text}" for head, name, text in self.cells))
+
+    @property
+    def cells(self) -> list[tuple[str, str, str]]:
+        """The verdict as a table: state and name of a row beside its first text, then its other texts."""
+        return [
+            (f"{row.symbol} {row.state}", row.name, text) if k == 0 else ("", "", text)
+            for row in self.rows
+            for k, text in enumerate(row.texts or ("",))
+        ]
 
     def __getitem__(self, name: str) -> Row:
         return next(row for row in self.rows if row.name == name)
@@ -185,13 +203,10 @@ class Verdict(Shown):
             "headline": self.headline,
             "fault": self.fault or None,
             "contradiction": self.contradiction or None,
+            "dispenser_stall": self.stall or None,
             "disturbances": list(self.disturbances),
             **rows,
         }
-
-
-def _texts(row: Row) -> Iterator[tuple[int, str]]:
-    return enumerate(row.texts or ("",))
 
 
 def path_row(contour: PartValues, tolerance: Tolerance, line_at: Callable[[float], int | None]) -> Row:
@@ -230,12 +245,29 @@ def stability_row(job: Basis, margins: tuple[Margins, ...] | None, tolerance: To
 def machine_verdict(job: Basis, run: Run) -> Row:
     """Return the verdict on the drives of a complete run of a job, which needs neither budget nor bead."""
     tolerance = job.limits(run.face)
-    return machine_row(job, run, tolerance, places_of(run, program_lines(job, len(run.time))))
+    place_at = places_of(run, program_lines(job, len(run.time)))
+    return machine_row(job, run, tolerance, place_at, dispenser_loads(run, job.dispenser))
 
 
-def machine_row(job: Basis, run: Run, tolerance: Tolerance, place_at: PlaceAt) -> Row:
-    """Return the verdict on the reserves of torque and speed, and on lost steps."""
-    return Row.of(MACHINE, list(_machine_checks(job, run, tolerance, place_at)))
+def machine_row(job: Basis, run: Run, tolerance: Tolerance, place_at: PlaceAt, loads: Iterable[Load] = ()) -> Row:
+    """Return the verdict on the reserves of torque and speed, on lost steps, and on the dispenser's motor."""
+    checks = [*_machine_checks(job, run, tolerance, place_at), *(_load_check(load, place_at) for load in loads)]
+    return Row.of(MACHINE, checks)
+
+
+def _load_check(load: Load, place_at: PlaceAt) -> Check:
+    quantity = LOADS[load.name]
+    bound = Bound(quantity.name, load.limit, GIVEN)
+    return replace(Check.of(quantity, bound, load.value, place=place_at(load.tick)), unit=load.unit)
+
+
+def _stall(loads: Iterable[Load], run: Run) -> str:
+    """Return what happens first where the dispenser's motor exceeds its limits; empty where it keeps them."""
+    exceeded = [load for load in loads if load.exceeds]
+    if not exceeded:
+        return ""
+    first = min(exceeded, key=lambda load: load.tick)
+    return f"the dispenser's motor {first.event} at t = {run.time[first.tick]:.3f} s"
 
 
 def places_of(run: Run, line_at: Callable[[float], int | None]) -> PlaceAt:

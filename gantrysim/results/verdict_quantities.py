@@ -125,6 +125,22 @@ STEPS_LOST = Quantity[Any](
     meaning="Largest distance of a stepper from its command, in full steps",
     path=(),
 )
+# of a `gantrysim.glue.dispenser.driven.Load`, by its name
+LOADS = {
+    name: Quantity[Any](
+        f"dispenser_{name}",
+        label=f"{name} of the dispenser's motor",
+        unit=unit,
+        form=".4g",
+        meaning=f"Largest {name} that the commanded flow asks of {what}; its place is where it first exceeds the limit",
+        path=("value",),
+    )
+    for name, unit, what in (
+        ("force", "N", "the motor of a piston"),
+        ("torque", "N·m", "the motor of a pump"),
+        ("speed", "mm/s, rev/s", "a motor that follows E, of a piston or a pump"),
+    )
+}
 
 VERDICT_VALUES = (
     BEAD_WIDTH_ERROR,
@@ -141,4 +157,5 @@ VERDICT_VALUES = (
     TORQUE_RESERVE,
     SPEED_RESERVE,
     STEPS_LOST,
+    *LOADS.values(),
 )

@@ -15,8 +15,14 @@ ANGLE = "deg"
 TORQUE = "N·m"
 SPEED = "mm/s"
 TURNING = "deg/s"
+PRESSURE = "kPa"
+MASS = "mg"
+FLOW = "mm³/s"
+DENSITY = "g/cm³"
+NUMBER_OF = ""
 
-# factors to s, mm, deg, N·m, mm/s and deg/s; µ has two code points, of the micro sign and of the Greek letter
+# factors to s, mm, deg, N·m, mm/s, deg/s, kPa, mg, mm³/s and g/cm³; µ has two code points, of the micro sign and of
+# the Greek letter
 KINDS: dict[str, dict[str, float]] = {
     TIME: {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0},
     LENGTH: {
@@ -39,6 +45,21 @@ KINDS: dict[str, dict[str, float]] = {
         "deg/s": 1.0, "°/s": 1.0, "rad/s": 180 / math.pi, "mrad/s": 0.18 / math.pi, "rev/s": 360.0,
         "rpm": 6.0, "r/min": 6.0, "1/min": 6.0, "min-1": 6.0, "rev/min": 6.0, "U/min": 6.0,
     },
+    PRESSURE: {
+        "kPa": 1.0, "Pa": 1e-3, "hPa": 0.1, "mbar": 0.1, "bar": 100.0, "MPa": 1e3, "psi": 6.894757293,
+        "psig": 6.894757293,
+    },
+    MASS: {"mg": 1.0, "g": 1e3, "kg": 1e6, "ug": 1e-3, "µg": 1e-3, "μg": 1e-3},
+    FLOW: {
+        "mm³/s": 1.0, "mm3/s": 1.0, "ul/s": 1.0, "µl/s": 1.0, "μl/s": 1.0, "nl/s": 1e-3, "ml/s": 1e3, "mL/s": 1e3,
+        "mm³/min": 1 / 60, "ul/min": 1 / 60, "µl/min": 1 / 60, "μl/min": 1 / 60, "ml/min": 1e3 / 60,
+        "mL/min": 1e3 / 60, "cc/min": 1e3 / 60, "cm³/min": 1e3 / 60, "ml/h": 1e3 / 3600,
+    },
+    DENSITY: {
+        "g/cm³": 1.0, "g/cm3": 1.0, "g/ml": 1.0, "g/mL": 1.0, "g/cc": 1.0, "kg/l": 1.0, "mg/mm³": 1.0, "mg/mm3": 1.0,
+        "kg/m³": 1e-3, "kg/m3": 1e-3,
+    },
+    NUMBER_OF: {"": 1.0, "-": 1.0, "1": 1.0},
 }  # fmt: skip
 
 _SHARES = {"‰": 1e-3, "per mille": 1e-3, "%": 1e-2, "per cent": 1e-2, "percent": 1e-2}

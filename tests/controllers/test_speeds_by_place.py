@@ -8,8 +8,11 @@ import pytest
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc, softmc, trio
+from gantrysim.controllers.drawings.drawing import Drawing
+from gantrysim.controllers.drawings.points import with_row_speeds
 from gantrysim.controllers.gcode.linuxcnc import Program as LinuxCNC
-from gantrysim.controllers.speeds import with_feed_words
+from gantrysim.controllers.gcode.slicer import Program as Slicer
+from gantrysim.controllers.speeds import with_feed_words, with_flow_words
 from gantrysim.job.job import Job
 
 PERIOD = 0.001  # [s]
@@ -249,3 +252,99 @@ def test_trio_basic_with_linked_axes_has_no_speed_by_place():
     spiral = trio.MoveSpiral(**SPIRAL)
     with pytest.raises(InputError, match="linked to others"):
         trio.Basic(spiral.program_text).stretches(PERIOD)
+
+
+@pytest.mark.parametrize(
+    ("text", "values", "output", "written"),
+    [
+        # modal as F; a word in force serves
+        (
+            "M67 E0 Q2\nG1 X1\nG1 X2\nG1 X3",
+            {2: 2.0, 3: 3.5, 4: 3.5},
+            "M67 E0",
+            "M67 E0 Q2\nG1 X1\nG1 X2 M67 E0 Q3.5\nG1 X3",
+        ),
+        # another output stays, and so do comments
+        (
+            "M67 E1 Q9\nG1 X1 m67e0q[#1] (Q3)\nM68 E0 Q7\nG1 X2 ; S",
+            {2: 4.0, 4: 7.0},
+            "M67 E0",
+            "M67 E1 Q9\nG1 X1 M67 E0 Q4 (Q3)\nM68 E0 Q7\nG1 X2 ; S",
+        ),
+        ("M3 S100\nG1 X1\nG1 X2 S50", {2: 120.0, 3: 120.0}, "S", "M3 S100\nG1 X1 S120\nG1 X2 S120"),
+    ],
+)
+def test_words_of_the_flow_are_as_few_as_set_it(text, values, output, written):
+    assert with_flow_words(text, values, SEMICOLON, output) == written
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        LinuxCNC(text="M67 E0 Q2\nM3 S1\nG1 X40 F3000\nG1 Y40\nM67 E1 Q3\nG2 X0 R40\nM5", flow_output="M67 E0"),
+        LinuxCNC(text="M3 S2\nG1 X40 F3000\nM5\nG1 Y40\nM3\nG2 X0 R40\nM5", flow_output="S"),
+        fanuc.Program("M3 S2\nG1 X40 F3000\nG1 Y40 S3\nM5\nM3\nG2 X0 Y40 R30\nM5", flow_output="S"),
+    ],
+)
+def test_each_line_lays_the_flow_that_is_written_for_it(program):
+    places = [place for place, speed in stated(program).items() if speed > 0]
+    assert len(places) == 3
+    wanted = dict(zip(places, (1.25, 3.0, 70.5), strict=True))
+    changed = replace(program, **program.with_stretch_flows(wanted))
+    points = changed.setpoints(PERIOD)
+    lines = changed.lines_at(points.time)
+    for place, value in wanted.items():
+        values = points.analogue[lines == place][1:-1]
+        assert values.size > 100
+        assert set(values.tolist()) == {value}
+    np.testing.assert_array_equal(points.position, program.setpoints(PERIOD).position)
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        LinuxCNC(text="G1 X9 F600"),
+        Slicer(text="M106 S9\nG1 X9 F600", flow_output="M106"),
+        fanuc.Program("#1132=1\nG1 X9 F600", flow_output="#1132"),
+        trio.Basic(text="AOUT(0)=1\nSPEED=10\nMOVE(9)\nWAIT IDLE", flow_output="AOUT(0)"),
+    ],
+)
+def test_a_program_without_such_words_refuses_flows_by_line(controller):
+    with pytest.raises(InputError, match="has no output for the flow whose value each stretch can have"):
+        controller.with_stretch_flows({1: 2.0})
+
+
+TABLE = "x,y,glue,speed\n0,0\n60,0,1,40\n60,30,1,40\n\n0,30\n0,60,0,\n30,60,1,40\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted", "written"),
+    [
+        (TABLE, {3: 25.0, 4: 40.0, 8: 62.5}, TABLE.replace("60,0,1,40", "60,0,1,25").replace("60,1,40", "60,1,62.5")),
+        # without heads: z and glue as they are read
+        ("0 0\n60 0\n60 30\n", {2: 25.0, 3: 40.0}, "0 0\n60 0 0 1 25\n60 30\n"),
+        # a column is added; a decimal comma stays
+        ("x;y\n0;0\n60;0,0\n60;30,5\n", {3: 62.5, 4: 40.0}, "x;y;speed\n0;0\n60;0,0;62,5\n60;30,5\n"),
+    ],
+)
+def test_a_table_of_points_has_a_speed_in_each_row(text, wanted, written):
+    program = Drawing(text=text, speed=40.0, velocity=(1000.0,) * 3, acceleration=(20000.0,) * 3, corner_tolerance=0.5)
+    own = stated(program)
+    assert {line: own[line] for line in wanted} == dict.fromkeys(wanted, 40.0)
+    changed = with_speeds(program, own | wanted)
+    assert changed.text.splitlines() == written.splitlines()
+    assert {line: stated(changed)[line] for line in wanted} == wanted
+    assert changed.requested.length == pytest.approx(program.requested.length)
+    for line, speed in wanted.items():
+        assert cruise(changed, line) == pytest.approx(speed, rel=1e-3)
+        points = changed.setpoints(PERIOD)
+        steps = np.hypot(*np.diff(points.position[:, :2], axis=0).T) / PERIOD
+        assert np.median(steps[changed.lines_at(points.time)[:-1] == line]) == pytest.approx(speed, rel=1e-3)
+
+
+def test_a_drawing_that_is_no_table_says_so():
+    square = '<svg xmlns="http://www.w3.org/2000/svg" width="9mm" viewBox="0 0 9 9"><path d="M0 0H9V9"/></svg>'
+    with pytest.raises(InputError, match="states one speed for its whole path"):
+        Drawing(text=square).stretches(PERIOD)
+    with pytest.raises(InputError, match="has no column speed, and no line of heads"):
+        with_row_speeds("# x y\n0 0\n9 0\n", {3: 5.0})

@@ -3,15 +3,20 @@
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from gantrysim import Bead, Budget, InputError, Job
+from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.bead.section import Section
+from gantrysim.job.loaded import needle_area
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.settings import INTEGRAL_TIME, MACHINES, smallest_machine
 from gantrysim.machine.machine import Machine, builtin_models
+from gantrysim.report.rows import bead_rows
+from gantrysim.results.glue import BeadWidth
 
 PARTS = sorted((Path(__file__).parent / "parts").iterdir())
 FLAT = "G21 G90 G17 G64 P0.05\nF1200\nG1 X30\nG1 Y20\nG1 X0\nG1 Y0\nM2\n"
@@ -199,11 +204,35 @@ def test_a_needle_that_runs_higher_lays_the_same_glue(options, tmp_path):
     assert higher.dispenser == usual.dispenser
     (note,) = choice_of(higher)
     assert "what the needle presses flat 0.5 mm above the work" in note
+    before = Bead(usual.follow(), usual.bead)
     bead = Bead(higher.follow(), higher.bead)
+    assert bead.nominal == pytest.approx(before.nominal, rel=1e-12)
+    assert bead.requested_volume == pytest.approx(before.requested_volume, rel=1e-4)
+    # the bead is another: pressed flat before, and free under the higher needle
+    assert bead.width.max() < 0.95 * before.width.max()
+    assert bead.height.max() > 1.05 * before.height.max()
+    # in the verdict each is judged against the width that its section has under its needle
+    for job, each in ((usual, before), (higher, bead)):
+        limits = job.limits(each.run.face, float(each.nominal_section.width[0]))
+        judged = BeadWidth(each, limits)
+        assert np.abs(judged.error[judged.judged]).max() < 1.0
+    # and the page gives the same wanted section and volume
+    sections = [dict(row[0::2] for row in bead_rows(each.values))["bead width"] for each in (before, bead)]
+    assert {text.split("; ")[1] for text in sections} == {"nominal section 1.020 mm²"}
     angle = math.radians(60)
     sessile = math.sqrt(8 * math.sin(angle) ** 2 * usual.dispenser.area / (2 * angle - math.sin(2 * angle)))
     assert float(bead.nominal_section.width[0]) == pytest.approx(sessile, rel=1e-3)
     assert float(bead.nominal_section.height[0]) < 0.9
+
+
+@pytest.mark.parametrize("gap", [None, 0.3, 0.7])
+def test_a_needle_that_hangs_high_at_home_lays_the_same_glue_at_any_height(gap):
+    """Half its face above the work: a segment of that height, and the face times it."""
+    high = SimpleNamespace(gap=30.0, needle=(FACE, 20.0))
+    height = 0.5 * FACE
+    radius = height / (1 - math.cos(math.radians(60)))
+    segment = radius**2 * (math.radians(60) - math.sin(math.radians(120)) / 2)
+    assert needle_area(high, None, BeadSettings(gap=gap)) == pytest.approx(segment + FACE * height, abs=5e-3)
 
 
 def test_a_needle_at_the_height_of_the_choice_is_that_of_the_machine(tmp_path):

@@ -59,7 +59,7 @@ def test_a_run_without_job_and_rig_says_what_to_write(jobless, tmp_path):
             f"run.replaced(rig=gantrysim.Rig(machine, servo, dispenser)), with .{name} behind it"
         )
     assert str(jobless).startswith("no verdict: run.verdict: the record has neither its job nor ")
-    assert jobless.verdict_headline == ""
+    assert jobless.known_verdict is None
     assert gs.Verdict.of(job_run(JOB).job, jobless).state == job_run(JOB).verdict.state
     assert jobless.budget.values.contour == job_run(JOB).budget.values.contour
 

@@ -40,7 +40,7 @@ def test_the_verdict_is_that_of_the_job_with_default_tolerances_and_bead(job, si
         assert [check.limit for check in row.checks] == [check.limit for check in other.checks]
         assert {check.source for check in row.checks} == {"default"}
     assert "(default)" in str(simulated)
-    assert simulated.verdict_headline == simulated.verdict.headline
+    assert simulated.known_verdict is simulated.verdict
 
 
 def test_margins_of_a_law_in_python_are_not_known(xy, simulated):

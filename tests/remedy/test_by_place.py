@@ -146,6 +146,60 @@ def test_a_flow_by_e_follows_the_speed_already(even, tmp_path):
         assert [word for word in line.split() if word[0] != "F"] == [w for w in original.split() if w[0] != "F"]
 
 
+def test_a_flow_by_an_output_is_set_line_by_line(even, tmp_path):
+    """The same path with M67, whose value times 4 mm³/s is 2 mm² at each line's speed."""
+    file = tmp_path / "corner.ngc"
+    file.write_text(TEXT.replace("G1 X0 Y0", "M67 E0 Q50\nG1 X0 Y0"), encoding="utf-8")
+    settings = {key: value for key, value in SETTINGS.items() if key not in ("dispenser.area", "dispenser.flow")}
+    output = {"program.flow_output": "M67 E0", "dispenser.per_output": 4.0}
+    job = Job.load(str(file), settings | output)
+    result = speed_by_place(job, even, Bench(job))
+    assert isinstance(result, SpeedByPlace), result
+    assert result.outcome.passes
+    assert result.outcome.duration < 0.95 * even.duration
+    assert result.job.dispenser.per_output == 4.0
+    assert result.job.dispenser.area == 0.0
+    assert ", M67 E0 by line" in str(result)
+    assert result.heads == ("from", "to", "speed [mm/s]", "M67 E0")
+    arc = next(speed for speed in result.speeds if speed.place == ARC + 1)
+    assert arc.flow == pytest.approx(2.0 * arc.after / 4.0, rel=1e-3)
+    # as a stranger runs it: the program and the options of the job that it came from
+    _, program = write_by_place(result, tmp_path / "corner-by-place", job)
+    bare = Job.load(str(program), settings | output | {"dispenser.advance": result.job.dispenser.advance})
+    outcome = Motion.of(bare, "mujoco").outcome(bare)
+    assert outcome.passes
+    assert outcome.duration == pytest.approx(result.outcome.duration, abs=1e-9)
+    run = bare.follow()
+    lines = bare.controller.lines_at(bare.setpoints.time)
+    for speed in result.speeds:
+        laid = run.flow_demand[:-1][(lines[:-1] == speed.place) & run.dispense[:-1]]
+        assert np.median(laid) == pytest.approx(2.0 * speed.after, rel=1e-3)
+
+
+def test_a_table_of_points_gets_a_column_of_speeds(even, tmp_path):
+    """The same path as a table of points, whose last point of the arc is on line 5."""
+    half = np.sqrt(0.5)
+    rows = ["x,y,kind", "0,0,", "150,0,", f"{150 + 10 * half:.9g},{10 - 10 * half:.9g},arc", "160,10,", "160,150,"]
+    file = tmp_path / "corner.csv"
+    file.write_text("\n".join(rows), encoding="utf-8")
+    own = {"program.speed": 100.0, "program.acceleration": [2000.0] * 3, "program.corner_tolerance": 0.001}
+    job = Job.load(str(file), SETTINGS | own)
+    result = speed_by_place(job, even, Bench(job))
+    assert isinstance(result, SpeedByPlace), result
+    assert result.outcome.passes
+    assert result.outcome.duration < 0.8 * even.duration
+    speeds = {speed.place: speed.after for speed in result.speeds}
+    assert speeds[5] < 100.0 < min(speeds[3], speeds[6])
+    _, table = write_by_place(result, tmp_path / "by-place", job)
+    assert table.name == "by-place.csv"
+    assert table.read_text(encoding="utf-8").splitlines()[3] == rows[3]
+    bare = Job.load(str(table), SETTINGS | own | {"dispenser.advance": result.job.dispenser.advance})
+    assert line_speeds(bare.controller) == line_speeds(result.job.controller)
+    outcome = Motion.of(bare, "mujoco").outcome(bare)
+    assert outcome.passes
+    assert outcome.duration == pytest.approx(result.outcome.duration, abs=1e-9)
+
+
 def test_speeds_that_stay_are_not_called_speeds_by_place(found):
     kept = replace(found, speeds=tuple(replace(speed, after=speed.before) for speed in found.speeds))
     assert str(kept).startswith("pass with the program's own speeds: ")

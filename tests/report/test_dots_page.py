@@ -7,6 +7,7 @@ from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.page import write_run_page
+from gantrysim.results.colours import RIGHT, channels
 from gantrysim.results.run_results import RunResults
 
 from support.browser import chromium
@@ -27,7 +28,7 @@ for (let k = 0; k < data.length; k += 4) {
 }
 return counts;
 """
-AS_REQUESTED = "183,177,164"
+AS_REQUESTED = ",".join(map(str, channels(RIGHT)))
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import base64
 import gzip
 import hashlib
-import itertools
 import json
 import math
 from functools import partial
@@ -25,7 +24,6 @@ from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.encoding import encoded_ascending, encoded_numbers, encoded_runs, shown_rows
 from gantrysim.report.page import write_run_page
-from gantrysim.report.plots.style import COLOURS, DASHES, INK
 from gantrysim.report.viewer_data import POSES, Series, ViewerData, pose_ticks
 from gantrysim.results.run_results import RunResults
 
@@ -40,15 +38,6 @@ LARGEST = 1_000_000  # of a page without film, causes and changes [bytes]
 STEPS = 65_534
 TINY = 1e-300  # steps below it are no numbers
 LINKS = ("program", "servo", "encoder", "geometry", "structure", "corner", "contour")
-LEAST_DISTANCE = 20.0  # of the links' colours in CIELAB; neighbouring ones differ visibly from about 2 on
-DARK_INK = "#e4e7eb"  # page.css
-# deuteranopia in linear RGB: Machado, Oliveira and Fernandes 2009, table 1, severity 1
-DEUTERANOPIA = np.array(
-    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
-)
-# IEC 61966-2-1, and its white, D65
-XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-WHITE = XYZ.sum(axis=1)
 
 
 def decoded(column, rows):
@@ -257,33 +246,6 @@ def test_lines_at_many_times_are_those_at_each(name):
     controller = Job.load(name).controller
     times = np.linspace(0, 2, 40)
     assert controller.lines_at(times).tolist() == [controller.line_at(time) or 0 for time in times.tolist()]
-
-
-def linear(colour):
-    value = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-
-
-def lab(rgb):
-    ratio = XYZ @ np.clip(rgb, 0, 1) / WHITE
-    root = np.where(ratio > 216 / 24389, np.cbrt(ratio), (24389 / 27 * ratio + 16) / 116)
-    return np.array([116 * root[1] - 16, 500 * (root[0] - root[1]), 200 * (root[1] - root[2])])
-
-
-def distance(first, second, sight):
-    return float(np.linalg.norm(lab(sight @ linear(first)) - lab(sight @ linear(second))))
-
-
-def test_the_links_colours_differ_for_eyes_without_green_cones():
-    assert distance("#cc79a7", "#009e73", DEUTERANOPIA) < LEAST_DISTANCE < distance("#cc79a7", "#009e73", np.eye(3))
-    for ink in (INK, DARK_INK):
-        colours = {name: COLOURS[name] for name in LINKS} | {"contour": ink}
-        for sight in (np.eye(3), DEUTERANOPIA):
-            for first, second in itertools.combinations(colours, 2):
-                assert distance(colours[first], colours[second], sight) > LEAST_DISTANCE, (first, second)
-    dashes = [tuple(DASHES.get(name, ())) for name in LINKS if name not in ("program", "contour")]
-    assert () not in dashes
-    assert len(set(dashes)) == len(dashes)
 
 
 def test_the_bundles_are_built_from_their_sources():

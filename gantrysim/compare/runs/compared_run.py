@@ -22,8 +22,6 @@ from gantrysim.results.run_results import RunResults
 
 FEWEST = 2
 MOST_RUNS = 4  # of runs: more lines over one another cannot be told apart
-# of a run in plots and page, in their order: to eyes that lack green cones the first two are yellow and blue
-RUN_COLOURS = ("#d9660f", "#2a7fc9", "#1b1f24", "#9aa0a8")
 RUN_DASHES: tuple[list[int], ...] = ([7, 3], [], [2, 3], [12, 3, 2, 3])  # lengths of dashes and gaps [pixels]
 
 _RMS = ERROR_SIZES[0]

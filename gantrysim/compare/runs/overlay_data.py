@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.compare.runs.common_path import Track
-from gantrysim.compare.runs.compared_run import RUN_COLOURS, RUN_DASHES, ComparedRun
+from gantrysim.compare.runs.compared_run import RUN_DASHES, ComparedRun
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.compare.runs.overlays import drawn_links, shared_magnification
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.report.encoding import MOST_ROWS, encoded_numbers, shown_rows
-from gantrysim.report.plots.style import INK
 from gantrysim.report.viewer_data import BEAD, ERROR, MOTION
+from gantrysim.results.colours import INK, RUNS
 
 _UM = 1e3
 _DIGITS = 4  # significant, of a quantity's largest value
@@ -114,7 +114,7 @@ class OverlayData:
             "columns": coded,
             "runs": [
                 {"name": name, "colour": None if colour == INK else colour, "dash": dash}
-                for name, colour, dash in zip(comparison.names, RUN_COLOURS, RUN_DASHES, strict=False)
+                for name, colour, dash in zip(comparison.names, RUNS, RUN_DASHES, strict=False)
             ],
             "quantities": [
                 {

@@ -9,12 +9,13 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.quantity import number_text
-from gantrysim.compare.runs.compared_run import RUN_COLOURS, RUN_DASHES
+from gantrysim.compare.runs.compared_run import RUN_DASHES
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.parts import ERROR
 from gantrysim.report.plots.plan import magnification
-from gantrysim.report.plots.style import COLOURS, INK, UM, add_legend, axes_on, thinned_line
+from gantrysim.report.plots.style import COLOURS, UM, add_legend, axes_on, thinned_line
+from gantrysim.results.colours import INK, RUNS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +30,7 @@ _BAR = 0.8  # of the distance of two groups of bars
 def run_style(number: int) -> dict[str, Any]:
     """Return colour and dashes of a run's lines."""
     dashes = RUN_DASHES[number]
-    return {"color": RUN_COLOURS[number], "ls": (0, dashes) if dashes else "-"}
+    return {"color": RUNS[number], "ls": (0, dashes) if dashes else "-"}
 
 
 def shared_magnification(comparison: ComparedRuns) -> int:
@@ -135,7 +136,7 @@ def _bars(
         # hatched too, so that no run is known by its colour alone
         hatch = "///" if RUN_DASHES[number] else None
         bars = axes.barh(
-            places, widths, 0.92 * height, color=RUN_COLOURS[number], edgecolor="white", lw=0, hatch=hatch, label=name
+            places, widths, 0.92 * height, color=RUNS[number], edgecolor="white", lw=0, hatch=hatch, label=name
         )
         axes.bar_label(bars, [number_text(size, form) for size in sizes], padding=3, fontsize=8)
     axes.set_yticks(range(len(values)), list(values))

@@ -122,6 +122,7 @@ class ModalState:
         continuous: whether the program asks for G64.
         in_machine: whether the coordinates of this block are the machine's (G53).
         feed: F; None before the first [mm/min].
+        spindle: S.
         outputs: that M codes switch.
         zero_height: whether the block's arc has a height per turn of 0, as K0 in G17.
     """
@@ -148,6 +149,7 @@ class ModalState:
     continuous: bool = False
     in_machine: bool = False
     feed: float | None = None
+    spindle: float = 0.0
     outputs: Outputs = field(default_factory=lambda: Outputs(Dispense()))
     zero_height: bool = False
 

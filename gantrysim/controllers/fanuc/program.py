@@ -22,16 +22,16 @@ from gantrysim.controllers.fanuc.codes.modal_codes import INCH
 from gantrysim.controllers.fanuc.compensation import compensated_legs
 from gantrysim.controllers.fanuc.corners import cornered_legs
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed_legs, switched_legs
+from gantrysim.controllers.fanuc.parts import Part, averaged_places, in_place, stretch
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
-from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding, Planner
+from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.speeds import with_feed_words
+from gantrysim.controllers.speeds import with_feed_words, with_flow_words
 from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.valve import Dispense, Outputs, Valve
 from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Vector, vector
-from gantrysim.paths.profile import Constant, PointToPoint, Profile
 from gantrysim.record.setpoints import Setpoints, ticks
 
 # Notes on a program: cutter compensation without an offset, and where the motion stops although it need not.
@@ -91,101 +91,9 @@ def _stops(legs: Sequence[PathLeg], path: Chain, acceleration: float) -> tuple[s
     return ()
 
 
-# The parts of a program between its stops: what they command at every time, and for how long.
-
-_ROUNDING = 1e-9  # of an arc length [mm]
-
-
-@dataclass(frozen=True)
-class Part:
-    """A part of the program: motions without a stop, the rotary axis alone, or a stop.
-
-    Attributes:
-        duration: [s].
-        sample: from times since its start, (n,), to x, y, z, the rotary axis and the progress along the requested path,
-            (n, 5), and whether glue is laid, (n,).
-        lines: from those times to the lines of the text that run, 0 for those of another file, (n,).
-    """
-
-    duration: float
-    sample: Callable[[Floats], tuple[Floats, NDArray[np.bool_]]]
-    lines: Callable[[Floats], NDArray[np.intp]]
-
-
-def stretch(legs: list[PathLeg], feeding: Feeding, begun: float, reached: float) -> Part:
-    """Return motions without a stop between them.
-
-    Args:
-        legs: the motions.
-        feeding: their feeds.
-        begun: time at which they begin [s].
-        reached: arc length of the requested path there [mm].
-    """
-    chain = Chain(leg.piece for leg in legs if leg.piece is not None)
-    profile = Planner(legs, chain, feeding).profile(begun)
-    rotary = np.array([leg.rotary for leg in legs])
-    glue = np.array([leg.dispense for leg in legs])
-    source = np.array([leg.source.line for leg in legs], np.intp)
-
-    def index(s: Floats) -> NDArray[np.intp]:
-        # a leg ends where it should, whatever rounding makes of the place
-        return np.clip(np.searchsorted(chain.ends, s + _ROUNDING, side="right"), 0, len(legs) - 1)
-
-    def lines(t: Floats) -> NDArray[np.intp]:
-        return source[index(profile.position(t))]
-
-    def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        s = profile.position(t)
-        k = index(s)
-        place = np.empty((s.size, 5))
-        place[:, 3] = rotary[k, 0]
-        place[:, 4] = reached + s
-        if np.ptp(rotary):
-            place[:, :3], share = chain.position_and_share(s)
-            place[:, 3] += share * np.diff(rotary, axis=1)[k, 0]
-        else:
-            place[:, :3] = chain.position(s)
-        return place, glue[k]
-
-    return Part(profile.duration, sample, lines)
-
-
-def in_place(leg: PathLeg, here: Vector, feeding: Feeding, reached: float) -> Part:
-    """A stop, or a motion of the rotary axis alone, at a place and an arc length of the requested path [mm]."""
-    first, last = leg.rotary
-    speed = min(leg.feed, feeding.rotary_velocity)
-    profile: Profile | None = None
-    if first != last and math.isfinite(feeding.rotary_acceleration):
-        profile = PointToPoint(abs(last - first), speed, feeding.rotary_acceleration)
-    elif first != last:
-        profile = Constant(abs(last - first), speed)
-
-    def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        turned = np.zeros(t.shape) if profile is None else profile.position(t)
-        angle = first + math.copysign(1.0, last - first) * turned
-        place = np.column_stack([np.tile(here, (t.size, 1)), angle, np.full(t.shape, reached)])
-        return place, np.full(t.shape, leg.dispense)
-
-    def lines(t: Floats) -> NDArray[np.intp]:
-        return np.full(t.shape, leg.source.line, np.intp)
-
-    return Part(leg.dwell if profile is None else profile.duration, sample, lines)
-
-
-def averaged_places(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """Moving average over `window` ticks, by which it is longer; the dispenser is delayed by half of them."""
-    padded = np.concatenate([np.repeat(place[:1], window, axis=0), place, np.repeat(place[-1:], window, axis=0)])
-    origin = padded[0].copy()
-    # small numbers: sums of large ones would lose digits
-    summed = np.cumsum(padded - origin, axis=0)
-    mean = origin + (summed[window:] - summed[:-window]) / window
-    late = np.zeros(len(mean), bool)
-    late[window // 2 : window // 2 + len(dispense)] = dispense
-    return mean, late
-
-
 _LONGEST_BLEND = 10.0  # [s]
 _ON_THE_PATH = 1e-6  # distance from it that is rounding [mm]
+_FLOW_OUTPUT = re.compile(r"S|#11(?:0\d|1[0-5]|32|33)")
 _WORDS = "ABC"
 _LINEAR = "xyz"
 
@@ -233,6 +141,9 @@ class Program(Controller):
         subprograms: texts of subprograms kept in separate files, by file name without suffix, such as O1000.
         dispense: when glue is laid in a text; by default in motions at feed, but only between the program's codes for
             the valve if it has any.
+        flow_output: output whose value is the set point of a pump's flow, which `dispenser.per_output` multiplies: "S"
+            of the spindle, or the variable of an interface output, "#1100" to "#1115" for one signal, 0 or 1, "#1132"
+            and "#1133" for a number of 16 or 32 bits; by default none.
 
     Raises:
         Alarm: a block that the controller refuses, with number, title, block and line.
@@ -267,6 +178,7 @@ class Program(Controller):
     max_steps: int = 1_000_000
     subprograms: dict[str, str] = field(default_factory=dict)
     dispense: Dispense = field(default_factory=Dispense)
+    flow_output: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.program, str):
@@ -299,6 +211,13 @@ class Program(Controller):
             raise InputError(f"rotary_axis = {self.rotary_axis!r}: must not be one of {', '.join(_LINEAR)}")
         if self.rotary_word not in _WORDS or len(self.rotary_word) != 1:
             raise InputError(f"rotary_word = {self.rotary_word!r}: must be one of {', '.join(_WORDS)}")
+        if self.flow_output and not _FLOW_OUTPUT.fullmatch(self.flow_output):
+            raise InputError(
+                f'flow_output = "{self.flow_output}": must be "S", or the variable of an output, "#1100" to "#1115", '
+                '"#1132" or "#1133"'
+            )
+        if self.flow_output and not isinstance(self.program, str):
+            raise InputError(f'flow_output = "{self.flow_output}": needs a program\'s text, not blocks')
         if not any(leg.piece for leg in self.legs):
             raise InputError("program: moves none of x, y, z; must have a block that does")
 
@@ -311,7 +230,7 @@ class Program(Controller):
     def _motions(self) -> ProgramMotions:
         assert isinstance(self.program, str)
         source = ProgramSource(self.program, self.subprograms, self.block_skip, self.max_steps)
-        return read(source, self.start, self.offsets, self.rotary_word, self._outputs)
+        return read(source, self.start, self.offsets, self.rotary_word, self._outputs, self.flow_output)
 
     @property
     def called_files(self) -> frozenset[str]:
@@ -435,6 +354,12 @@ class Program(Controller):
         feeds = {line: speed * unit for line, speed in speeds.items()}
         return {"program": with_feed_words(self.program, feeds, COMMENT)}
 
+    def with_stretch_flows(self, values: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_flows`: words S of the lines; a variable needs a block of its own."""
+        if self.flow_output != "S" or not isinstance(self.program, str):
+            return super().with_stretch_flows(values)
+        return {"program": with_flow_words(self.program, values, COMMENT, "S")}
+
     def setpoints(self, period: float) -> Setpoints:
         positive("period", period, "s")
         window = max(round(self.blend_time / period), 1) * period
@@ -449,21 +374,27 @@ class Program(Controller):
         time[-1] = begun[-1]
         place = np.empty((n + 1, 5))
         dispense = np.zeros(n + 1, bool)
+        flow = np.zeros(n + 1) if self.flow_output else None
         which = np.clip(np.searchsorted(begun, time, side="right") - 1, 0, len(self._parts) - 1)
         for k, part in enumerate(self._parts):
             chosen = which == k
             place[chosen], dispense[chosen] = part.sample(time[chosen] - begun[k])
+            if flow is not None:
+                flow[chosen] = part.flow(time[chosen] - begun[k])
         progress = place[:, 4]
         if self.blend_time > 0:
             count = round(self.blend_time / period)
             begin = np.concatenate([np.full(count, progress[0]), progress])
             end = np.concatenate([progress, np.full(count, progress[-1])])
             place, dispense = averaged_places(place, dispense, count)
+            if flow is not None:
+                # late as the valve
+                flow = np.pad(flow, (count // 2, count - count // 2), "edge")
             progress = self._blended_progress(place, np.stack([begin, end]))
         columns = {"x": 0, "y": 1, "z": 2, self.rotary_axis: 3}
         position = place[:, [columns[name] for name in self.axes]]
         progress = np.maximum.accumulate(np.clip(progress, 0.0, self.requested.length))  # of rounding
-        return Setpoints(period, self.axes, position, dispense, self.requested, progress=progress)
+        return Setpoints(period, self.axes, position, dispense, self.requested, progress=progress, analogue=flow)
 
     def _blended_progress(self, place: Floats, averaged_over: Floats) -> Floats:
         """Return the progress of a moving average: where it leaves the path, that of a place that was averaged, (n,).

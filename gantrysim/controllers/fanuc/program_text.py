@@ -38,6 +38,7 @@ class SourceBlock(BlockSource):
         continuous: whether the program asks for G64.
         zero_height: whether its arc has a height per turn of 0, as K0 in G17.
         outputs: names of those that are on, as of `Outputs`.
+        flow: value of the output that sets the flow.
     """
 
     block: Block
@@ -46,6 +47,7 @@ class SourceBlock(BlockSource):
     continuous: bool = False
     zero_height: bool = False
     outputs: tuple[str, ...] = ()
+    flow: float = 0.0
 
 
 class ProgramMotions(NamedTuple):
@@ -61,7 +63,12 @@ class ProgramMotions(NamedTuple):
 
 
 def read(
-    source: ProgramSource, start: Vector, offsets: Mapping[str, float], rotary: str, outputs: Outputs
+    source: ProgramSource,
+    start: Vector,
+    offsets: Mapping[str, float],
+    rotary: str,
+    outputs: Outputs,
+    flow_output: str = "",
 ) -> ProgramMotions:
     """Return the motions of a program.
 
@@ -71,6 +78,7 @@ def read(
         offsets: cutter compensation by its number D [mm].
         rotary: letter of the rotary axis.
         outputs: which the program switches.
+        flow_output: S, or the variable of an output, whose value sets the flow; empty for none.
 
     Raises:
         Alarm: an invalid word, or invalid combination of words.
@@ -78,6 +86,7 @@ def read(
     state = ModalState(list(start), offsets, rotary, start, outputs=outputs)
     sequence = Sequence(source, state.provided)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
+    variable = int(flow_output[1:]) if flow_output.startswith("#") else 0
     blocks = tuple(
         SourceBlock(
             name=words.name,
@@ -88,6 +97,7 @@ def read(
             continuous=state.continuous,
             zero_height=state.zero_height,
             outputs=outputs.now,
+            flow=sequence.parameters.numbered(variable) if variable else state.spindle,
         )
         for words in sequence.run()
         for block in _run(state, words)
@@ -136,6 +146,7 @@ def _set_modes(state: ModalState, words: Words) -> None:
     if "D" in words.values:
         state.offset_number = f"{words.values.pop('D'):g}"
         state.offset = float(state.offsets.get(state.offset_number, 0.0))
+    state.spindle = words.values.get("S", state.spindle)
     codes = [int(code) for code in words.auxiliary if code.is_integer()]
     if codes or "S" in words.values:
         state.outputs.switch(codes, words.values.get("P"), words.values.get("S"))

@@ -29,7 +29,7 @@ from gantrysim.controllers.gcode.o_words import ProgramText
 from gantrysim.controllers.gcode.planned import PathPlan, plan
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.speeds import with_feed_words
+from gantrysim.controllers.speeds import with_feed_words, with_flow_words
 from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.valve import Dispense, Valve
 from gantrysim.paths.track import Track
@@ -293,6 +293,12 @@ class GCode(Controller):
         feeds = {line: speed * PER_MINUTE / (unit * self.feed_override) for line, speed in speeds.items()}
         return {"text": with_feed_words(self.text, feeds, _COMMENT)}
 
+    def with_stretch_flows(self, values: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_flows`: words M67 or S of the lines."""
+        if not self.flow_output or self.flow_output == "M106" or self.dialect.extrudes:
+            return super().with_stretch_flows(values)
+        return {"text": with_flow_words(self.text, values, _COMMENT, self.flow_output)}
+
     @property
     def _bare_text(self) -> str:
         return re.sub(_COMMENT, "", self.text).upper()
@@ -324,12 +330,13 @@ class GCode(Controller):
         place, dispense, progress = self.plan.at(time)
         position = np.ascontiguousarray(place[:, : len(self.axes)])
         material: dict[str, Floats] = {}
-        if self.flow_output:
-            material["analogue"] = self.plan.analogue(time)
         if self.extrusion is not None:
             material["extrusion"] = self.extrusion.position(time)
             if self.extrusion.is_advanced:
                 material["extruder"] = self.extrusion.advanced(time)
+            self.extrusion.sampled(period, count).apply(material, dispense, block.start)
+        if self.flow_output:
+            material["analogue"] = self.plan.analogue(time)
         return SetpointTable(position, dispense, progress, **material)
 
     @cached_property

@@ -23,6 +23,8 @@ _LINKS = 1000  # links between neighbouring turns, on which coverage is sampled
 _ON_A_LINK = 48  # samples
 _GOLDEN = 0.618034
 _SETTLED = 1e-5  # tolerance of a settled flow, of the flow demand
+_STEADY_RATE = 1e-3  # relative change of a flow that is steady, or drifts as a syringe empties [1/s]
+_RAMP = 0.1  # relative change of a demand that rises or falls [1/s]
 
 
 class Bead(BeadTrace, Shown):
@@ -103,16 +105,26 @@ class Bead(BeadTrace, Shown):
             ridge=self.map.ridge,
         )
 
+    @cached_property
+    def _wanted_at_ends(self) -> Floats:
+        """Wanted sections at start and stop of every stretch, (k, 2) [mm²]."""
+        length = self.length
+        ends = np.minimum(self.stretches[:, 1], length.size - 1)
+        place = length[np.stack([self.stretches[:, 0], ends], axis=1)]
+        # the stations at the ends hold half of what lies beside the stretch
+        inside = np.clip(place + np.array([self.ds, -self.ds]), place[:, :1], place[:, 1:])
+        return self.wanted[np.rint(inside / self.ds).astype(np.intp)]
+
     @property
     def missing_at_starts(self) -> Floats:
-        """Volume missing at the start of every stretch, as length of the nominal section, (k,) [mm]."""
-        return -self._parts[:, 0] / self.nominal
+        """Volume missing at the start of every stretch, as length of the section wanted there, (k,) [mm]."""
+        return -self._parts[:, 0] / self._wanted_at_ends[:, 0]
 
     @property
     def excess_at_stops(self) -> Floats:
-        """Excess volume at the stops within the record, as length of the nominal section, (at most k,) [mm]."""
+        """Excess volume at the stops within the record, as length of the section wanted there, (at most k,) [mm]."""
         stopped = self.stretches[:, 1] < len(self.run.time)
-        return self._parts[stopped, 2] / self.nominal
+        return self._parts[stopped, 2] / self._wanted_at_ends[stopped, 1]
 
     @property
     def total_volume(self) -> float:
@@ -127,8 +139,13 @@ class Bead(BeadTrace, Shown):
 
     @property
     def requested_volume(self) -> float:
-        """Volume of the nominal section along the commanded path, while the dispenser is on [mm³]."""
-        return self.nominal * float(self.commanded_steps[self.bead_dispense[:-1]].sum())
+        """Volume of the wanted section along the commanded path, while the dispenser is on [mm³]."""
+        on = self.bead_dispense[:-1]
+        steps = self.commanded_steps
+        if not self.follows_material:
+            return self.nominal * float(steps[on].sum())
+        demand = self.without_dots(self.run.flow_demand[:-1], slice(0, len(self.run.time) - 1))
+        return float(demand[steps > 0].sum()) * self.run.period
 
     @property
     def volume_error_percent(self) -> float:
@@ -237,24 +254,45 @@ class Bead(BeadTrace, Shown):
         return np.diff(excess[np.array(ticks)], axis=1)
 
     def _settled(self, begin: int, end: int) -> tuple[int, int]:
-        """First tick of a stretch at which the flow has settled, and the tick after the last such."""
+        """First tick of a stretch at which the flow has settled, and the tick after the last such.
+
+        Between the first rise of the demand and its last fall, a flow has settled where it meets its demand: it comes
+        as near as to stay there, or the demand crosses it, where a lagging flow turns. One that a limit holds short of
+        the demand has settled where it is steady.
+        """
+        period = self.run.period
         demand = self.run.flow_demand[begin:end]
-        excess = self.run.flow[begin:end] - demand
-        usual = float(np.median(excess)) if excess.size else 0.0
-        # a flow may also cross its settled value on a ramp
-        full = demand >= 0.5 * demand.max(initial=0.0)
-        near = np.flatnonzero(
-            full & by_blocks(lambda block: np.abs(excess[block] - usual) <= _SETTLED * demand[block], demand.size)
-        )
+        flow = self.run.flow[begin:end]
+        wanted = np.flatnonzero(demand > 0)
         middle = (begin + end) // 2
-        if not near.size or usual <= -demand.max(initial=0.0) * (1 - _SETTLED):  # too short to settle
+        if not wanted.size:
             return middle, middle
-        return begin + int(near[0]), begin + int(near[-1]) + 1
+        # on its way up and down a flow may cross its demand, as one of a valve that opens before the motion does
+        rises = np.diff(demand) > _RAMP * period * demand[:-1]
+        falls = np.diff(demand) < -_RAMP * period * demand[1:]
+        first = int(wanted[0])
+        first += int(np.argmin(np.append(rises[first:], False)))
+        last = int(wanted[-1])
+        last -= int(np.argmin(np.append(falls[:last][::-1], False)))
+        inside = slice(first, last + 1)
+        excess = flow[inside] - demand[inside]
+        is_near = (np.abs(excess) <= _SETTLED * demand[inside]) & (demand[inside] > 0)
+        now = flow[inside][:-1]
+        change = np.abs(np.diff(flow[inside]))
+        is_near[:-1] |= (now > 0) & (change <= _STEADY_RATE * period * now)
+        near = np.flatnonzero(is_near)
+        # a flow that itself runs through its demand overshoots
+        turns = change < np.abs(np.diff(demand[inside]))
+        crossed = np.flatnonzero(turns & (excess[:-1] * excess[1:] < 0)) + 1
+        settled = np.concatenate([near, near + 1, crossed])
+        if not settled.size:  # too short to settle
+            return middle, middle
+        return begin + first + int(settled.min()), begin + first + int(settled.max())
 
     @cached_property
     def _offsets(self) -> tuple[Floats, Floats]:
         """Offsets of the bead's visible starts and stops from the nozzle's place at the commands [mm]."""
-        edges = spans(self.area >= 0.5 * self.nominal)
+        edges = spans(self.area >= 0.5 * self.wanted)
         rises = np.array([self._crossing(k) for k in edges[:, 0].tolist()])
         falls = np.array([self._crossing(k) for k in edges[:, 1].tolist()])
         starts = []
@@ -269,8 +307,9 @@ class Bead(BeadTrace, Shown):
         return np.array(starts), np.array(stops)
 
     def _crossing(self, station: int) -> float:
-        """Place before a station where the section is half the nominal one, or the trace's end [mm]."""
+        """Place before a station where the section is half the wanted one, or the trace's end [mm]."""
         if station in (0, self.place.size):
             return float(self.place[min(station, self.place.size - 1)])
-        a, b = self.area[station - 1 : station + 1].tolist()
-        return float(self.place[station - 1]) + self.ds * (0.5 * self.nominal - a) / (b - a)
+        near = slice(station - 1, station + 1)
+        a, b = (self.area[near] - 0.5 * self.wanted[near]).tolist()
+        return float(self.place[station - 1]) - self.ds * a / (b - a)

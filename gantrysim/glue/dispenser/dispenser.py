@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, check_one_of, positive
-from gantrysim.glue.dispenser.driven import Drive, Driven, driven_flow, driven_notes
+from gantrysim.glue.dispenser.driven import Drive, Driven, Load, driven_flow, driven_notes, loads
 from gantrysim.glue.dispenser.jet import Jet, Shots, jet_notes, shots
 from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
 from gantrysim.glue.dispenser.material import NOTHING, Material, without_e, without_output
@@ -38,7 +38,7 @@ VALVE = "valve"
 PISTON = "piston"
 JET = "jet"
 _KINDS = (VALVE, VOLUMETRIC, PISTON, JET)
-_OF_VALVES = ("pressure", "syringe", "dead_time", "opening", "closing")  # what a driven dispenser has not
+_OF_VALVES = ("pressure", "syringe", "dead_time", "closing_dead_time", "opening", "closing")  # not of driven ones
 # keys that state the amount of glue, and their units
 DEMANDS = {
     "flow": "mm³/s",
@@ -91,6 +91,7 @@ class Dispenser:
             Required for time-pressure metering.
         syringe: air volume and fill level for time-pressure metering; None applies the pressure directly to the glue.
         dead_time: delay from the command until the flow begins to change [s].
+        closing_dead_time: the same of a valve that closes; None for `dead_time` [s].
         opening: time constant of rising flow or pressure [s].
         closing: time constant of falling flow or pressure [s].
         start_lead: time by which the valve opens ahead of the program's on command [s].
@@ -137,6 +138,7 @@ class Dispenser:
     motor: Motor | None = None
     per_output: float = 0.0
     jet: Jet | None = None
+    closing_dead_time: float | None = None
 
     def __post_init__(self) -> None:
         for name, unit in DEMANDS.items():
@@ -144,8 +146,9 @@ class Dispenser:
         given = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in DEMANDS.items() if getattr(self, name)]
         if len(given) > 1:
             raise InputError(f"{' and '.join(given)}: only one of {', '.join(DEMANDS)} can be given")
-        for name in ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
-            at_least(name, getattr(self, name), 0, "s", _LONGEST)
+        for name in ("dead_time", "closing_dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
+            if getattr(self, name) is not None:
+                at_least(name, getattr(self, name), 0, "s", _LONGEST)
         check_one_of("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
         check_one_of("kind of dispenser", self.kind, _KINDS)
         self._check_kind()
@@ -312,13 +315,21 @@ class Dispenser:
         """Return what a driven dispenser does; arguments as of `flows`."""
         drive = self.drive
         assert drive is not None
-        command = self._command(on, speed, period, material)
-        return driven_flow(drive, command, period, by_position=bool(self.per_e))
+        return driven_flow(drive, self._command(on, speed, period, material), period, by_position=bool(self.per_e))
+
+    def loads(
+        self, dispense: ArrayLike, speed: ArrayLike, period: float, material: Material = NOTHING
+    ) -> tuple[Load, ...]:
+        """Return what a program asks of the motor's limits; empty without; arguments as of `flows`."""
+        if self.drive is None or not self.flows_at_all:
+            return ()
+        measure = self._measure(np.asarray(speed, float), material)
+        result = self.driven(np.asarray(dispense, bool), measure, period, material)
+        return loads(self.drive, result, period, by_position=bool(self.per_e))
 
     def _shots(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> Shots:
         """Return what a jet shoots; arguments as of `flows`."""
-        laid = self.per_e / period * material.laid() if self.per_e else None
-        command = self._command(on, speed, period, material) if laid is None else laid
+        command = self.per_e / period * material.laid() if self.per_e else self._command(on, speed, period, material)
         return shots(self.jet or Jet(), command, period, self.dead_time)
 
     def _command(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> Floats:
@@ -341,12 +352,10 @@ class Dispenser:
         speeds = self._measure(np.asarray(speed, float), material)
         if not self.flows_at_all:
             return ()
+        volume = float(self.flow_demand(on, speeds, period, material).sum()) * period
         if self.drive is not None:
-            result = self.driven(on, speeds, period, material)
-            volume = float(self.flow_demand(on, speeds, period, material).sum()) * period
-            return driven_notes(self.drive, result, volume, period)
+            return driven_notes(self.drive, self.driven(on, speeds, period, material), volume, period)
         if self.kind == JET:
-            volume = float(self.flow_demand(on, speeds, period, material).sum()) * period
             return jet_notes(self.jet or Jet(), self._shots(on, speeds, period, material), volume)
         notes = self._clipped(on, speeds, period, material)
         if self.syringe is None:
@@ -431,7 +440,7 @@ class Dispenser:
 
     def held_back(self, setpoints: Setpoints) -> Setpoints:
         """Return the setpoints, delayed if the start lead is longer than the time before the first dispensing."""
-        return setpoints.wait(max(self.start_lead - time_before(setpoints), 0.0))
+        return setpoints.wait(max(self.start_lead - setpoints.time_before_glue, 0.0))
 
     def _demand(self, speed: Floats) -> Floats:
         """Return the flow while the dispenser is on, at speeds of path or E, or set points, of their shape [mm³/s]."""
@@ -445,16 +454,16 @@ class Dispenser:
 
     def _measure(self, speed: Floats, material: Material) -> Floats:
         """Return what the flow is proportional to: the path speed, or the set point of an output, (n,)."""
-        if not self.per_output:
-            return speed
-        return material.set_point()
+        return material.set_point() if self.per_output else speed
 
     def _request(self, flow: Floats) -> Floats:
         """Return the request for a flow: the flow itself, or the pressure for it [kPa]."""
         return flow if self._driven is None else self._driven.pressure(flow)
 
     def _valve(self, on: NDArray[np.bool_], period: float) -> ValveTimes:
-        return ValveTimes.of(on, period, self.start_lead, self.stop_lead)
+        # the request as a whole is delayed by `dead_time`
+        closing = self.dead_time if self.closing_dead_time is None else self.closing_dead_time
+        return ValveTimes.of(on, period, self.start_lead, self.stop_lead + self.dead_time - closing)
 
     def _at_rest(self) -> Floats:
         """Return the state of the lag before the first tick, see `gantrysim.glue.dispenser.lag`."""
@@ -487,9 +496,3 @@ class Dispenser:
             return needle.conductance * driven_volumes(duration, request, lag, law, state)
         air = (self.syringe.rate, self.syringe.critical_ratio)
         return syringe_volumes(duration, request, lag, law, air, state)
-
-
-def time_before(setpoints: Setpoints) -> float:
-    """Return the time before the first dispensing of setpoints, inf where there is none [s]."""
-    first = int(np.argmax(setpoints.dispense))
-    return first * setpoints.period if setpoints.dispense[first] else math.inf

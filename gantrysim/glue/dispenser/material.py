@@ -50,6 +50,13 @@ class Material(NamedTuple):
 NOTHING = Material()
 
 
+def output_note(output: str, per_output: float) -> str:
+    """Return what an output that a job names as the set point of the flow does, in a sentence."""
+    if not per_output:
+        return f"{output} is flow_output, but without effect: dispenser.per_output, the flow for each unit of it, is 0."
+    return f"{output} sets the flow: {per_output:g} mm³/s for each unit of its value, while glue is laid."
+
+
 def without_e() -> InputError:
     """Return the error of a dispenser that follows E, for a program without."""
     return InputError(
@@ -61,6 +68,6 @@ def without_e() -> InputError:
 def without_output() -> InputError:
     """Return the error of a dispenser that follows an output, for a program that states none."""
     return InputError(
-        "dispenser: per_output multiplies the program's flow_output, which is not stated: must be that of a G-code "
-        'program, as flow_output = "M67 E0"'
+        "dispenser: per_output multiplies the program's flow_output, which is not stated: must be an output, as "
+        'flow_output = "M67 E0" or "S" of G-code, "#1132" of FANUC, "AOUT(0)" of Trio BASIC'
     )

@@ -54,12 +54,15 @@ class Displaced(NamedTuple):
     """What a motor displaces.
 
     Attributes:
+        asked: rate that is commanded over the period after each tick, less what a motor that cannot reverse refuses,
+            (n,) [mm³/s].
         rate: over the period after each tick, (n,) [mm³/s].
         refused: volume that was commanded backwards of a motor that cannot [mm³].
         behind: largest distance behind the command [mm³].
         late: time of that [s].
     """
 
+    asked: Floats
     rate: Floats
     refused: float
     behind: float
@@ -95,7 +98,7 @@ def displaced(motor: Motor, command: Floats, period: float, unit: float, *, by_p
         rate = np.diff(place, prepend=0.0) / period
     behind = (np.cumsum(wanted) - np.cumsum(rate)) * period
     tick = int(np.argmax(np.abs(behind))) if behind.size else 0
-    return Displaced(rate, refused, float(abs(behind[tick])) if behind.size else 0.0, tick * period)
+    return Displaced(wanted, rate, refused, float(abs(behind[tick])) if behind.size else 0.0, tick * period)
 
 
 @jit

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.glue.dispenser.pressurised import Line
 
@@ -19,11 +20,11 @@ class Piston:
     """A plunger, or a filament, that is driven into a volume of glue before the needle.
 
     Its stroke compresses the glue and widens syringe and tube before it drives the needle's flow; see
-    `gantrysim.glue.dispenser.pressurised` for the equations, which are those of a bulk modulus (Karnopp, Margolis and
-    Rosenberg, System Dynamics, 5th ed. 2012, chapter 4) and of the needle's Herschel-Bulkley flow. The lag of small
-    changes is C dp/dQ, which for a shear-thinning glue is shorter the higher the flow: no linear advance fits all.
-    Friction of the plunger costs force, but sticks nowhere. The melt of a filament has the viscosity of the needle's
-    glue whatever the flow: melting is not simulated. Nothing flows once the plunger has reached its end.
+    `gantrysim.glue.dispenser.pressurised` for the equations: a bulk modulus B = -V dp/dV stores V / B for each unit of
+    pressure, and the needle's flow is that of Herschel and Bulkley. The lag of small changes is C dp/dQ, which for a
+    shear-thinning glue is shorter the higher the flow: no linear advance fits all. Friction of the plunger costs force,
+    but sticks nowhere. The melt of a filament has the viscosity of the needle's glue whatever the flow: melting is not
+    simulated. Nothing flows once the plunger has reached its end.
 
     Attributes:
         plunger: diameter of the plunger, or of the filament [mm].
@@ -74,6 +75,19 @@ class Piston:
     def limit(self) -> float:
         """Pressure at which the motor stalls [kPa]."""
         return _KILOPASCALS * (self.force - self.seal_friction) / self.unit
+
+    load: ClassVar[str] = "force"
+    load_unit: ClassVar[str] = "N"
+    speed_unit: ClassVar[str] = "mm/s"
+
+    @property
+    def strength_limit(self) -> float:
+        """Force of the motor [N]."""
+        return self.force
+
+    def effort(self, pressure: Floats) -> Floats:
+        """Return the force that pressures [kPa] take of the motor [N]."""
+        return self.seal_friction + pressure * self.unit / _KILOPASCALS
 
     @property
     def strength(self) -> str:

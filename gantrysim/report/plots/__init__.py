@@ -15,7 +15,7 @@ from gantrysim.report.plots.error import draw_error
 from gantrysim.report.plots.pictures import run_plots
 from gantrysim.report.plots.plan import draw_plan
 from gantrysim.report.plots.spacing import draw_polar_spacing, draw_spacing
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, sheet, view_height
+from gantrysim.report.plots.style import COLOURS, sheet, view_height
 
 
 class PlotError(GantryError):

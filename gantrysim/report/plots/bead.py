@@ -8,7 +8,8 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.glue.bead import Bead
-from gantrysim.report.plots.style import COLOURS, COLUMNS, INK, axes_on, thinned_line
+from gantrysim.report.plots.style import COLOURS, COLUMNS, axes_on, colour_map, thinned_line
+from gantrysim.results.colours import BEAD, INK, MAGNITUDE, WIDTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,9 +19,9 @@ _DRY = 1e-3  # of the nozzle's height; less is no glue
 # percentile of the width, and the limit of the axis over it
 _USUAL = 95.0
 _ABOVE = 1.6
-_GLUE = "#b87a00"
-_GAP = "#3a9fc7"
-_OVERLAP = "#d55e00"
+# too little glue between two turns, and too much
+_GAP = WIDTH.stops[1][2]
+_OVERLAP = WIDTH.stops[-2][2]
 
 
 def draw_height_map(on: Figure | SubFigure | Axes, bead: Bead) -> Axes:
@@ -34,7 +35,7 @@ def draw_height_map(on: Figure | SubFigure | Axes, bead: Bead) -> Axes:
         np.ma.masked_less(heights, _DRY * bead.gap),
         origin="lower",
         extent=(x[0] - half, x[-1] + half, y[0] - half, y[-1] + half),
-        cmap="viridis",
+        cmap=colour_map(MAGNITUDE),
         vmin=0.0,
         interpolation="none",
         zorder=2,
@@ -59,7 +60,7 @@ def draw_bead_along(figure: Figure | SubFigure, bead: Bead, columns: int = COLUM
     """
     turns = bead.analysis.spacing.distance.size > 0
     upper, *lower = figure.subplots(2 if turns else 1, sharex=True, squeeze=False)[:, 0]
-    upper.plot(*thinned_line(bead.place, bead.width, columns), color=_GLUE, lw=1.2, label="width")
+    upper.plot(*thinned_line(bead.place, bead.width, columns), color=BEAD, lw=1.2, label="width")
     nominal = float(bead.nominal_section.width[0])
     upper.axhline(nominal, color=INK, lw=1.0, ls="--", label=f"nominal: {nominal:.3f} mm")
     upper.set(ylabel="width [mm]")
@@ -104,5 +105,5 @@ def _clip(axes: Axes, place: Floats, width: Floats, nominal: float) -> None:
         (-8 if right else 8, -12),
         textcoords="offset points",
         ha="right" if right else "left",
-        color=_GLUE,
+        color=BEAD,
     )

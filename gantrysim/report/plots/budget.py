@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.metrics.budget import Budget
-from gantrysim.report.plots.style import COLOURS, COLUMNS, INK, UM, axes_on, line_style, thinned_line
+from gantrysim.report.plots.style import COLOURS, COLUMNS, UM, axes_on, line_style, thinned_line
+from gantrysim.results.colours import INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -172,4 +173,4 @@ def stack_bars(axes: Axes, places: Floats, values: dict[str, Floats], upright: b
 
 def _on(name: str) -> str:
     """A colour for text on a link's own."""
-    return "#ffffff" if name in ("servo", "structure") else "#1b1f25"
+    return "#ffffff" if name in ("servo", "structure") else INK

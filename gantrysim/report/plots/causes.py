@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.report.plots.style import COLOURS, INK, UM
+from gantrysim.report.plots.style import COLOURS, UM
+from gantrysim.results.colours import INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

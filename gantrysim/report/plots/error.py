@@ -10,7 +10,8 @@ from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.columns import by_blocks
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.record.run import Run
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, UM, thinned_line
+from gantrysim.report.plots.style import COLOURS, UM, thinned_line
+from gantrysim.results.colours import AXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +28,7 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
         members = [a for a, axis_unit in enumerate(run.units) if axis_unit == unit]
         for a in members:
             time, error = thinned_line(run.time, _following(run, a))
-            panel.plot(time, 1e3 * error, color=AXIS_COLOURS[a], lw=0.9, label=run.axes[a])
+            panel.plot(time, 1e3 * error, color=AXES[a], lw=0.9, label=run.axes[a])
         _clip(panel, analysis, members, THOUSANDTH[unit])
         panel.set(ylabel=f"following error [{THOUSANDTH[unit]}]")
         panel.set_title(f"{'Axes' if unit == 'mm' else 'Rotary axes'}: commanded minus encoder", loc="right")
@@ -77,5 +78,5 @@ def _clip(axes: Axes, analysis: Analysis, members: list[int], unit: str) -> None
     peak = errors[worst]
     place = (time, np.sign(peak) * usual)
     text = f"peak {peak:.0f} {unit} at {time:.3f} s"
-    colour = AXIS_COLOURS[worst]
+    colour = AXES[worst]
     axes.annotate(text, place, xytext=(8, -12 if place[1] > 0 else 6), textcoords="offset points", color=colour)

@@ -1,4 +1,4 @@
-"""One figure of a run: the plan, coloured by the error, beside the error budget."""
+"""One figure of a run: the plan, coloured by its share of the tolerance, beside the error budget."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from matplotlib.collections import LineCollection
 from gantrysim.base.columns import by_blocks
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.plots.budget import draw_budget, draw_budget_along
-from gantrysim.report.plots.style import COLOURS, UM, axes_on, sheet
+from gantrysim.report.plots.style import COLOURS, UM, axes_on, colour_map, sheet
+from gantrysim.results.colours import MAGNITUDE, SHARE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +50,7 @@ def overview(budget: Budget) -> Figure:
 
 
 def draw_coloured_plan(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
-    """Draw the requested path, and the nozzle's path coloured by its distance to it [µm]; return the axes."""
+    """Draw the requested path, and the nozzle's coloured by its share of the tolerance; return the axes."""
     analysis = budget.analysis
     run = analysis.run
     axes = axes_on(on)
@@ -63,12 +64,18 @@ def draw_coloured_plan(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
     pieces = np.stack([trace[:-1], trace[1:]], axis=1)
     # not across moves with the dispenser off
     joined = np.diff(ticks) <= step
-    coloured = LineCollection(list(pieces[joined]), cmap="viridis", linewidths=2.4)
-    coloured.set_array(UM * np.maximum(distance[shown[:-1]], distance[shown[1:]])[joined])
+    # without a job there is no tolerance
+    scale = MAGNITUDE if run.job is None else SHARE
+    unit = float(distance.max()) or 1.0 if run.job is None else run.job.limits(run.face).path_max
+    coloured = LineCollection(list(pieces[joined]), cmap=colour_map(scale), linewidths=2.4)
+    coloured.set_array(scale.places(np.maximum(distance[shown[:-1]], distance[shown[1:]])[joined] / unit))
+    coloured.set_clim(0, 1)
     axes.add_collection(coloured)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view, machine {run.machine}")
-    axes.figure.colorbar(coloured, ax=axes, label="contour error [µm]", shrink=0.8)
+    bar = axes.figure.colorbar(coloured, ax=axes, label="contour error [µm]", shrink=0.8)
+    labels = [f"{UM * unit * tick:.3g}{', tolerance' if scale is SHARE and tick == 1 else ''}" for tick in scale.ticks]
+    bar.set_ticks(scale.places(np.array(scale.ticks)).tolist(), labels=labels)
     return axes
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from gantrysim.base.columns import by_blocks
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.report.plots.style import COLOURS, INK, UM, add_legend, axes_on
+from gantrysim.report.plots.style import COLOURS, UM, add_legend, axes_on
+from gantrysim.results.colours import INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.spacing import Spacing
-from gantrysim.report.plots.style import INK, add_legend, axes_on, thinned_line, turn_colours
+from gantrysim.report.plots.style import add_legend, axes_on, thinned_line, turn_colours
+from gantrysim.results.colours import INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
+from gantrysim.results.colours import FAULT, INK, LINKS, MAGNITUDE, REQUESTED, ColourScale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure, SubFigure
 
 COLUMNS = 1000  # horizontal resolution of a thinned line
@@ -22,22 +24,8 @@ RESOLUTION = 130.0  # of pictures [dpi]
 
 UM = 1e3  # micrometres in a millimetre
 
-INK = "#1b1f24"  # of text, axes and the contour error
-
-# The links' colours are from Okabe and Ito's palette, but for encoder and structure, which there become the same grey
-# for eyes that lack green cones: a light and a dark one keep all links at least 20 apart in CIELAB to such eyes. The
-# axes' are from Paul Tol's muted scheme.
-COLOURS = {
-    "requested": "#8a8f98",
-    "program": "#e69f00",
-    "servo": "#0072b2",
-    "encoder": "#e78ac3",
-    "geometry": "#56b4e9",
-    "structure": "#008060",
-    "corner": "#a6761d",
-    "contour": INK,
-    "fault": "#d1203f",
-}
+# of the links, the contour error that they add up to, the requested path, and faults
+COLOURS = {"requested": REQUESTED, **LINKS, "contour": INK, "fault": FAULT}
 # lengths of dashes and of the gaps between them, so that no line is known by its colour alone [pixels]
 DASHES: dict[str, list[int]] = {
     "servo": [9, 3],
@@ -47,7 +35,6 @@ DASHES: dict[str, list[int]] = {
     "corner": [2, 6],
     "vertical": [1, 3],
 }
-AXIS_COLOURS = ("#3a9fc7", "#d55e00", "#8f8f2e", "#aa4499", "#44aa99", "#cc6677")
 
 _STYLE: dict[Any, Any] = {
     "font.size": 10,
@@ -56,7 +43,7 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "grid.color": "#8a8f98",
+    "grid.color": REQUESTED,
     "grid.alpha": 0.3,
     "grid.linewidth": 0.6,
     "legend.frameon": False,
@@ -119,11 +106,15 @@ def line_style(name: str) -> Any:
 
 
 def turn_colours(count: int) -> list[str]:
-    """Return colours for the turns of a spiral, from dark to light."""
-    from matplotlib import colormaps  # slow to import
-    from matplotlib.colors import to_hex
+    """Return colours for the turns of a spiral, from light to dark."""
+    return [MAGNITUDE.colour((1 + 2 * k) / (2 * count)) for k in range(count)]
 
-    return [to_hex(colormaps["viridis"](0.28 + 0.54 * k / max(count - 1, 1))) for k in range(count)]
+
+def colour_map(scale: ColourScale) -> ListedColormap:
+    """Return matplotlib's map of a scale, from its place 0 to its place 1."""
+    from matplotlib.colors import ListedColormap  # slow to import
+
+    return ListedColormap(scale.table() / 255)
 
 
 def view_height(wide: float, high: float, width: float) -> float:

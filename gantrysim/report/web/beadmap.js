@@ -2,17 +2,19 @@
 // width; and dots, as wide as they lie on the work, coloured by their deviation in volume.
 
 import { digits } from "./data.js";
-import { element } from "./dom.js";
+import { choose, element } from "./dom.js";
 import { PlanMap } from "./map.js";
-import { mixed, onTheme, theme, WIDTH_SPAN } from "./theme.js";
+import { placeOf, ScaleBar } from "./scalebar.js";
+import { colourAt, placeOn } from "./theme.js";
 
 const LEVELS = 160; // of width, each drawn in one stroke
+const SHADES = 96; // of a scale
 const DRY = 0.02; // of the nominal width; a narrower bead is none
 
 export class BeadMap {
   constructor(data, cursor, region) {
     this.data = data;
-    this.span = WIDTH_SPAN * (data.width_tolerance || 10); // [%]
+    this.byError = Boolean(data.width) && data.shown === "path";
     const { x, y, width } = data.column;
     const place = { x: 0, y: 0 };
     this.map = new PlanMap({
@@ -25,28 +27,22 @@ export class BeadMap {
       describe: (row) => `t = ${data.time[row].toFixed(3)} s${width ? `, bead width ${data.text("width", row)}` : ""}`,
     });
     this.widest = !width ? 0 : width.reduce((most, value) => (value > most ? value : most), 0);
-    this.bar = element("span", { class: "ramp" });
+    this.scale = new ScaleBar(data, !this.byError);
     this.element = element("figure", { class: "view bead" }, this._caption(), this.map.surface);
-    this._paint();
-    onTheme(() => this._paint());
   }
 
   _caption() {
-    const { bar, data, span } = this;
-    for (const side of data.width_tolerance ? [-1, 1] : []) {
-      const mark = element("i", { title: `tolerance: ${data.width_tolerance} %` });
-      mark.style.left = `${50 + (50 * side * data.width_tolerance) / span}%`;
-      bar.append(mark);
-    }
-    const scale = element("span", { class: "scale" }, `−${span} %`, bar, `+${span} %`);
+    const { data } = this;
+    const scale = this.scale.element;
     const count = data.dots.length === 1 ? "1 dot" : `${data.dots.length} dots`;
-    const dots = data.dots.length ? `, volume of ${count}` : "";
     if (!data.width) return element("figcaption", {}, element("b", {}, "Dots"), `volume of ${count}`, scale);
-    return element("figcaption", {}, element("b", {}, "Bead width"), `of ${digits(data.width)} mm${dots}`, scale);
-  }
-
-  _paint() {
-    this.bar.style.background = `linear-gradient(to right, ${theme().widths.join(",")})`;
+    const choice = choose("Colour", [["width", false], ["path error", true]], this.byError, (byError) => {
+      this.byError = byError;
+      this.scale.show(!byError);
+      this.map.redraw();
+    });
+    const dots = data.dots.length ? `, ${count}` : "";
+    return element("figcaption", {}, element("b", {}, "Bead"), `${digits(data.width)} mm wide${dots}`, choice, scale);
   }
 
   _draw(context, map, colours) {
@@ -55,15 +51,20 @@ export class BeadMap {
       context.beginPath();
       context.arc(map.px(dot.x), map.py(dot.y), Math.max(dot.radius * map.scale, 1), 0, 2 * Math.PI);
       // without a requested volume, in the colour of a dot as requested
-      context.fillStyle = mixed(colours.widths, 0.5 + (0.5 * (dot.error || 0)) / this.span);
+      context.fillStyle = colourAt(colours.widths, placeOn(colours.widths, (dot.error || 0) / this.data.width_tolerance));
       context.fill();
       Object.assign(context, { strokeStyle: dot.failed ? colours.alarm : colours.soft, lineWidth: dot.failed ? 2 : 1 });
       context.stroke();
     }
+    const { x, y } = this.data.column;
+    const point = (row) => ({ x: x[row], y: y[row] });
+    const { worst } = this.data;
+    map.markWorst(context, map.px(x[worst]), map.py(y[worst]), colours, "worst");
+    map.markEnds(context, point, colours);
   }
 
   _bead(context, map, colours) {
-    const { data, widest, span } = this;
+    const { data, widest } = this;
     const { x, y, width } = data.column;
     const nominal = data.width;
     context.beginPath();
@@ -76,27 +77,34 @@ export class BeadMap {
     });
     Object.assign(context, { strokeStyle: colours.line, lineWidth: nominal * map.scale });
     context.stroke();
-    const pieces = Array.from({ length: LEVELS + 1 }, () => new Path2D());
-    let before = -1;
+    // strokes of one width and one colour each, by both
+    const pieces = new Map();
+    const place = placeOf(data, !this.byError);
+    let before = "";
     for (let row = 0; row < data.rows; row++) {
       const wide = width[row];
-      const level = wide > DRY * nominal ? Math.round((LEVELS * wide) / widest) : -1;
-      if (level >= 0) {
-        const place = [map.px(x[row]), map.py(y[row])];
-        if (before !== level) {
-          const start = before >= 0 ? row - 1 : row; // pieces of different width touch
-          pieces[level].moveTo(map.px(x[start]), map.py(y[start]));
-        }
-        pieces[level].lineTo(...place);
+      if (!(wide > DRY * nominal)) {
+        before = "";
+        continue;
       }
-      before = level;
+      const level = Math.max(Math.round((LEVELS * wide) / widest), 1);
+      const share = place(row);
+      const shade = share === share ? Math.round(SHADES * share) : -1;
+      const key = level * 1000 + shade;
+      if (!pieces.has(key)) pieces.set(key, { path: new Path2D(), wide: (widest * level) / LEVELS, shade });
+      const { path } = pieces.get(key);
+      if (before !== key) {
+        const start = before === "" ? row : row - 1; // pieces of different width touch
+        path.moveTo(map.px(x[start]), map.py(y[start]));
+      }
+      path.lineTo(map.px(x[row]), map.py(y[row]));
+      before = key;
     }
-    pieces.forEach((piece, level) => {
-      const wide = (widest * level) / LEVELS;
-      const deviation = 100 * (wide / nominal - 1);
-      context.strokeStyle = mixed(colours.widths, 0.5 + (0.5 * deviation) / span);
+    const stops = this.byError ? colours.shares : colours.widths;
+    for (const { path, wide, shade } of pieces.values()) {
+      context.strokeStyle = shade < 0 ? colours.line : colourAt(stops, shade / SHADES);
       context.lineWidth = Math.max(wide * map.scale, 1);
-      context.stroke(piece);
-    });
+      context.stroke(path);
+    }
   }
 }

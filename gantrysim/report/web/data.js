@@ -107,8 +107,9 @@ export class RunData {
     this.size = this.column.distance || contour.map(Math.abs);
     this.along = ascending(s);
     this.requested = this._requested(x.map((value, k) => value - dx[k]), y.map((value, k) => value - dy[k]));
-    this.worst = 0;
-    for (let k = 0; k < rows; k++) if (!(this.size[k] <= this.size[this.worst])) this.worst = isNaN(this.size[k]) ? this.worst : k;
+    let largest = 0;
+    for (let k = 0; k < rows; k++) if (this.size[k] > (this.size[largest] || 0)) largest = k;
+    this.worst = content.worst ?? largest; // where the verdict is worst
     this.off = stretches(rows, (k) => !this.column.dispense[k]);
   }
 

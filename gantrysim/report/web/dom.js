@@ -26,3 +26,16 @@ export function sample(colour, dash) {
   template.innerHTML = `<svg class="sample" viewBox="0 0 30 8" aria-hidden="true"><line x2="30" y1="4" y2="4" ${stroke}/></svg>`;
   return template.content.firstChild;
 }
+
+/** Buttons of which one is pressed: [label, value] each; calls a function with the value that is chosen. */
+export function choose(name, entries, value, changed) {
+  const buttons = entries.map(([label, own]) => {
+    const button = element("button", { type: "button", "aria-pressed": String(own === value) }, label);
+    button.addEventListener("click", () => {
+      for (const other of buttons) other.setAttribute("aria-pressed", String(other === button));
+      changed(own);
+    });
+    return button;
+  });
+  return element("span", { class: "choice", role: "group", "aria-label": name }, ...buttons);
+}

@@ -1,7 +1,8 @@
 // What is written over the 3-D view: labels of the grid and of the heights, the axes, the ends, and the cursor.
 
-import { digits, number, stretches } from "./data.js";
+import { number, stretches } from "./data.js";
 import { steps } from "./ground3d.js";
+import { around, Texts } from "./texts.js";
 
 const ARROW = 26; // length of an axis of the triad [pixels]
 const CORNER = 44; // from the picture's corner to the triad [pixels]
@@ -9,7 +10,6 @@ const LABEL = 13; // from an edge to its label [pixels]
 const CROWDED = 24; // distance below which a label would run into the one before [pixels]
 const STEEP = 75; // elevation from which on heights cannot be read [deg]
 const CLEAR = 0.4; // of the step of the heights, from the ground to their first label
-const MIDDLE = { textAlign: "center", textBaseline: "middle" };
 
 const decimalsOf = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
 
@@ -25,10 +25,12 @@ export class Labels {
     context.font = `11px ${getComputedStyle(document.body).fontFamily}`;
     this.context = context;
     this.colours = colours;
-    this._ground();
+    this.texts = new Texts(context, width, height);
     this._chosen();
     this._ends();
     this._triad();
+    this._heights();
+    this._ground();
     this._cursor();
   }
 
@@ -37,11 +39,10 @@ export class Labels {
     return [...this.view.project(x, y, z, this.place)];
   }
 
-  _text(text, x, y, looks) {
-    const { context, colours } = this;
-    Object.assign(context, { lineWidth: 3, strokeStyle: colours.paper, fillStyle: colours.soft, lineJoin: "round", ...looks });
-    context.strokeText(text, x, y);
-    context.fillText(text, x, y);
+  /** Write a text at the first of some places where there is room, see `Texts`. */
+  _text(text, places, looks = {}) {
+    const { colours } = this;
+    this.texts.write(text, places, { fillStyle: colours.soft, halo: colours.paper, ...looks });
   }
 
   /** Numbers along the two edges of the grid that are nearest, and the heights at the corner farthest to the left. */
@@ -63,14 +64,13 @@ export class Labels {
       const share = LABEL / away;
       const px = place[0] + share * (place[0] - beyond[0]);
       const py = place[1] + share * (place[1] - beyond[1]);
-      this._text(text, px, py, MIDDLE);
+      this._text(text, [[px, py, "center"]]);
     };
     for (const value of steps(x0, x1, ground.step)) label(number(value, decimals), this.at(value, y, ground.z));
     last = null;
     for (const value of steps(y0, y1, ground.step)) {
       if (value !== y) label(number(value, decimals), this.at(x, value, ground.z));
     }
-    this._heights();
   }
 
   _heights() {
@@ -92,14 +92,13 @@ export class Labels {
       context.lineTo(px + 4, py);
     }
     context.stroke();
-    const looks = { textAlign: "right", textBaseline: "middle" };
     const decimals = decimalsOf(ground.heightStep);
     for (const z of ground.heights) {
       if (z < ground.z + CLEAR * ground.heightStep) continue; // a label of the grid stands there
       const [px, py] = this.at(x, y, z);
-      this._text(number(z, decimals), px - 7, py, looks);
+      this._text(number(z, decimals), [[px - 7, py, "right"]]);
     }
-    this._text(factor > 1 ? `z [mm] × ${factor}` : "z [mm]", top[0], top[1] - LABEL, { ...MIDDLE, fillStyle: colours.soft });
+    this._text(factor > 1 ? `z [mm] × ${factor}` : "z [mm]", [[top[0], top[1] - LABEL, "center"]], { always: true });
   }
 
   /** The directions of x, y and z, and that the numbers are mm. */
@@ -119,9 +118,10 @@ export class Labels {
       const long = Math.hypot(dx, dy);
       if (long < 4) return; // it points at the eye
       const share = 1 + 9 / long;
-      this._text(name, origin[0] + share * dx, origin[1] + share * dy, { ...MIDDLE, fillStyle: colours.ink });
+      const end = [origin[0] + share * dx, origin[1] + share * dy, "center"];
+      this._text(name, [end], { fillStyle: colours.ink });
     });
-    this._text("grid in mm", 8, height - 8, { textAlign: "left", textBaseline: "alphabetic" });
+    this._text("grid in mm", [[8, height - 10, "left"]]);
   }
 
   /** The stretches of the chosen program line. */
@@ -143,19 +143,20 @@ export class Labels {
     context.stroke();
   }
 
-  /** Mark where the dispenser first opens and last closes, and the largest error. */
+  /** Mark where the dispenser first opens and last closes, and the worst place. */
   _ends() {
     const { context, colours } = this;
     const { data } = this.view;
     const glue = stretches(data.rows, (row) => data.column.dispense[row]);
     if (!glue.length) return;
+    const marks = [];
     for (const [row, name] of [[glue[0][0], "start"], [glue[glue.length - 1][1], "end"]]) {
       const [px, py] = this.view.projectRow(row, this.place);
       context.beginPath();
       context.arc(px, py, 3.5, 0, 2 * Math.PI);
       context.fillStyle = colours.ink;
       context.fill();
-      this._text(name, px + 7, py + 12, { textAlign: "left", textBaseline: "middle", fillStyle: colours.ink });
+      marks.push([name, around(px, py, 9), { fillStyle: colours.ink }]);
     }
     const [px, py] = this.view.projectRow(data.worst, this.place);
     context.beginPath();
@@ -165,8 +166,9 @@ export class Labels {
     context.closePath();
     Object.assign(context, { strokeStyle: colours.alarm, lineWidth: 2 });
     context.stroke();
-    const looks = { textAlign: "left", textBaseline: "middle", fillStyle: colours.alarm };
-    this._text(`${digits(data.size[data.worst])} µm`, px + 9, py - 11, looks);
+    const places = [[px + 9, py - 11, "left"], [px - 9, py - 11, "right"], [px, py - 24, "center"]];
+    this._text("worst", places, { fillStyle: colours.alarm, always: true });
+    for (const mark of marks) this._text(...mark);
   }
 
   /** A ring around the cursor's place, and a plumb line to the ground. */

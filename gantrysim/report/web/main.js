@@ -6,9 +6,12 @@ import { Cursor } from "./cursor.js";
 import { RunData } from "./data.js";
 import { element } from "./dom.js";
 import { FilmLink } from "./film.js";
-import { fold } from "./folds.js";
+import { fold, markScrolling } from "./folds.js";
+import { Links } from "./links.js";
 import { Listing } from "./listing.js";
 import { regionOf } from "./map.js";
+import { Moment } from "./moment.js";
+import { copyButtons } from "./paste.js";
 import { Plan } from "./plan.js";
 import { Readout } from "./readout.js";
 import { Space } from "./space.js";
@@ -32,13 +35,18 @@ function showRun(place, content) {
     views.append(element("figure", { class: "view film" }, caption, video));
     new FilmLink(video, data, cursor);
   }
-  const space = data.space ? [new Space(data, cursor).element] : [];
-  if (!video) views.append(...space); // a film has bead and plan beside it
-  if (data.width || data.dots.length) views.append(new BeadMap(data, cursor, region).element);
-  views.append(new Plan(data, cursor, region).element);
-  if (video) views.append(...space);
+  // the first of these is on the page's first screen
+  const pictures = [];
+  if (data.space) pictures.push(new Space(data, cursor).element);
+  if (data.width || data.dots.length) pictures.push(new BeadMap(data, cursor, region).element);
+  pictures.push(new Plan(data, cursor, region).element);
+  const stage = document.querySelector(".stage");
+  if (stage) stage.append(pictures.shift(), new Moment(data, cursor).element);
+  views.append(...pictures);
   if (data.program) views.append(new Listing(data, cursor).element);
   place.append(readout.element, views, strips.element);
+  const shown = stage || place;
+  new Links(data, cursor, () => shown.scrollIntoView({ block: "nearest" }));
   return cursor;
 }
 
@@ -49,7 +57,9 @@ function start() {
   const cursor = content.runs ? showComparison(place, content) : showRun(place, content);
   place.append(element("p", { class: "hint" }, HINT));
   cursor.set(cursor.row, "start");
+  copyButtons();
   fold();
+  markScrolling();
 }
 
 start();

@@ -1,9 +1,10 @@
 // A map of the work in plan view on a canvas: scales, grid, zoom and pan, and the cursor on a second canvas above it.
 
 import { asSlider } from "./cursor.js";
-import { extent } from "./data.js";
+import { extent, number, stretches } from "./data.js";
 import { element } from "./dom.js";
 import { gestures } from "./gestures.js";
+import { around, Texts } from "./texts.js";
 import { onTheme, theme } from "./theme.js";
 
 const MARGIN = 1.12; // of the whole path
@@ -11,6 +12,7 @@ const REACH = 60; // pixels from the path within which hovering finds it
 const SMALLEST = 0.05; // height of a map at the closest zoom [mm]
 const SQUAREST = 1.3; // width over height of a map
 const WIDEST = 2.4;
+const WORST = 9; // size of the mark at the worst place [pixels]
 const GRID = 90; // least distance of the lines of the grid [pixels]
 
 /** What the maps of a page show: a centre and a height [mm], shared, so that all show the same part. */
@@ -101,7 +103,9 @@ export class PlanMap {
     this._grid(context, colours);
     context.lineCap = "round";
     context.lineJoin = "round";
+    this.texts = new Texts(context, this.width, this.height);
     this.draw(context, this, colours);
+    this._numbers(context, colours);
     this._mark();
   }
 
@@ -121,9 +125,10 @@ export class PlanMap {
     const decade = 10 ** Math.floor(Math.log10(least));
     const step = [1, 2, 5, 10].map((digit) => digit * decade).find((size) => size >= least);
     const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
-    Object.assign(context, { strokeStyle: colours.line, fillStyle: colours.soft, lineWidth: 1 });
+    Object.assign(context, { strokeStyle: colours.line, lineWidth: 1 });
     context.font = `11px ${getComputedStyle(document.body).fontFamily}`;
     context.beginPath();
+    this.ticks = [];
     const lines = (middle, half) => {
       const places = [];
       for (let k = Math.ceil((middle - half) / step); k * step <= middle + half; k++) places.push(k * step);
@@ -133,16 +138,51 @@ export class PlanMap {
       const px = Math.round(this.px(x)) + 0.5;
       context.moveTo(px, 0);
       context.lineTo(px, this.height);
-      if (px > 40) context.fillText(x.toFixed(decimals).replace("-", "−"), px + 3, this.height - 5);
+      this.ticks.push([number(x, decimals), px + 3, this.height - 9]);
     }
     for (const y of lines(this.y, this.height / 2 / this.scale)) {
       const py = Math.round(this.py(y)) + 0.5;
       context.moveTo(0, py);
       context.lineTo(this.width, py);
-      if (py > 14 && py < this.height - 14) context.fillText(y.toFixed(decimals).replace("-", "−"), 4, py - 3);
+      this.ticks.push([number(y, decimals), 4, py - 8]);
     }
     context.stroke();
-    context.fillText("mm", 4, this.height - 5);
+  }
+
+  /** The numbers of the grid, where nothing else is written. */
+  _numbers(context, colours) {
+    const looks = { fillStyle: colours.soft, halo: colours.paper };
+    this.texts.write("mm", [[4, this.height - 9, "left"]], looks);
+    for (const [text, x, y] of this.ticks) this.texts.write(text, [[x, y, "left"]], looks);
+  }
+
+  /** Mark where the dispenser first opens and last closes. */
+  markEnds(context, point, colours) {
+    const { data } = this;
+    const rows = stretches(data.rows, (row) => data.column.dispense[row]);
+    if (!rows.length) return;
+    context.fillStyle = colours.ink;
+    for (const [row, name] of [[rows[0][0], "start"], [rows[rows.length - 1][1], "end"]]) {
+      const { x, y } = point(row);
+      context.beginPath();
+      context.arc(this.px(x), this.py(y), 3.5, 0, 2 * Math.PI);
+      context.fill();
+      this.texts.write(name, around(this.px(x), this.py(y), 8), { fillStyle: colours.ink, halo: colours.paper });
+    }
+  }
+
+  /** Mark the verdict's worst place by a triangle above it, with a text. */
+  markWorst(context, px, py, colours, text) {
+    context.beginPath();
+    context.moveTo(px, py - 6);
+    context.lineTo(px - 0.6 * WORST, py - 6 - WORST);
+    context.lineTo(px + 0.6 * WORST, py - 6 - WORST);
+    context.closePath();
+    Object.assign(context, { fillStyle: colours.alarm, strokeStyle: colours.paper, lineWidth: 1.5 });
+    context.fill();
+    context.stroke();
+    const places = [[px + WORST, py - 12, "left"], [px - WORST, py - 12, "right"], [px, py - 26, "center"]];
+    this.texts.write(text, places, { fillStyle: colours.alarm, halo: colours.paper, always: true });
   }
 
   /** Draw the cursor, and the box of a drag. */

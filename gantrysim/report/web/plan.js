@@ -3,17 +3,16 @@
 import { digits, stretches } from "./data.js";
 import { element, toggle } from "./dom.js";
 import { PlanMap } from "./map.js";
-import { mixed, onTheme, theme } from "./theme.js";
+import { placeOf, ScaleBar } from "./scalebar.js";
+import { colourAt } from "./theme.js";
 
 const COLOURS = 48;
-const WORST = 9; // size of the mark at the largest error [pixels]
 
 export class Plan {
   constructor(data, cursor, region) {
     this.data = data;
     this.cursor = cursor;
     this.factor = data.magnification;
-    this.largest = Math.max(data.size[data.worst] || 0, 1e-9);
     this.place = { x: 0, y: 0 };
     this.map = new PlanMap({
       name: "Plan view: the nozzle's path, coloured by its error",
@@ -24,10 +23,7 @@ export class Plan {
       draw: (context, map, colours) => this._draw(context, map, colours),
       describe: (row) => `t = ${data.time[row].toFixed(3)} s, contour error ${data.text("contour", row)}`,
     });
-    this.bar = element("span", { class: "ramp" });
     this.element = element("figure", { class: "view plan" }, this._caption(), this.map.surface);
-    this._paint();
-    onTheme(() => this._paint());
   }
 
   /** Position drawn of the nozzle at a row: its error magnified. */
@@ -41,14 +37,8 @@ export class Plan {
   }
 
   _caption() {
-    const { data, bar } = this;
-    const limit = data.path_tolerance;
-    const scale = element("span", { class: "scale" }, "0", bar, `${digits(this.largest)} µm`);
-    if (limit && limit < this.largest) {
-      const mark = element("i", { title: `tolerance: ${digits(limit)} µm` });
-      mark.style.left = `${(100 * limit) / this.largest}%`;
-      bar.append(mark);
-    }
+    const { data } = this;
+    const scale = new ScaleBar(data, false).element;
     const caption = element("figcaption", {}, element("b", {}, "Error of the path"), scale);
     if (data.magnification > 1) {
       const label = `error × ${data.magnification}`;
@@ -59,10 +49,6 @@ export class Plan {
       caption.append(toggle(label, true, change, { title: "draw the nozzle's distance from the path magnified" }));
     }
     return caption;
-  }
-
-  _paint() {
-    this.bar.style.background = `linear-gradient(to right, ${theme().errors.join(",")})`;
   }
 
   _draw(context, map, colours) {
@@ -105,6 +91,7 @@ export class Plan {
   _coloured(context, map, colours) {
     const { data } = this;
     const pieces = Array.from({ length: COLOURS }, () => new Path2D());
+    const place = placeOf(data, false);
     let before = -1;
     let from = [0, 0];
     for (let row = 0; row < data.rows; row++) {
@@ -115,7 +102,7 @@ export class Plan {
       }
       const { x, y } = this._point(row);
       const to = [map.px(x), map.py(y)];
-      const k = Math.min(Math.floor((COLOURS * size) / this.largest), COLOURS - 1);
+      const k = Math.min(Math.floor(COLOURS * place(row)), COLOURS - 1);
       if (before >= 0) {
         if (before !== k) pieces[k].moveTo(...from);
         pieces[k].lineTo(...to);
@@ -125,37 +112,16 @@ export class Plan {
     }
     context.lineWidth = 3;
     pieces.forEach((piece, k) => {
-      context.strokeStyle = mixed(colours.errors, (k + 0.5) / COLOURS);
+      context.strokeStyle = colourAt(colours.shares, (k + 0.5) / COLOURS);
       context.stroke(piece);
     });
   }
 
-  /** Mark where the dispenser first opens and last closes, and the largest error. */
+  /** Mark where the dispenser first opens and last closes, and the verdict's worst place. */
   _ends(context, map, colours) {
     const { data } = this;
-    const rows = stretches(data.rows, (row) => data.size[row] === data.size[row]);
-    if (!rows.length) return;
-    Object.assign(context, { fillStyle: colours.ink, strokeStyle: colours.alarm, lineWidth: 2 });
-    for (const [row, name] of [[rows[0][0], "start"], [rows[rows.length - 1][1], "end"]]) {
-      const { x, y } = this._point(row);
-      context.beginPath();
-      context.arc(map.px(x), map.py(y), 3.5, 0, 2 * Math.PI);
-      context.fill();
-      context.fillText(name, map.px(x) + 7, map.py(y) + 14);
-    }
     const { x, y } = this._point(data.worst);
-    const px = map.px(x);
-    const py = map.py(y);
-    context.beginPath();
-    context.moveTo(px, py - 4);
-    context.lineTo(px - 0.6 * WORST, py - 4 - WORST);
-    context.lineTo(px + 0.6 * WORST, py - 4 - WORST);
-    context.closePath();
-    context.stroke();
-    context.fillStyle = colours.alarm;
-    const inside = px < map.width - 90;
-    context.textAlign = inside ? "left" : "right";
-    context.fillText(`${digits(data.size[data.worst])} µm`, px + (inside ? WORST : -WORST), py - 6);
-    context.textAlign = "left";
+    map.markWorst(context, map.px(x), map.py(y), colours, data.text("contour", data.worst));
+    map.markEnds(context, (row) => this._point(row), colours);
   }
 }

@@ -1,28 +1,22 @@
 // The colours of the 3-D view: those of the plan for the error, those of the bead's map for its width.
 
-import { digits } from "./data.js";
-import { element } from "./dom.js";
-import { mixed, onTheme, theme, WIDTH_SPAN } from "./theme.js";
+import { choose } from "./dom.js";
+import { placeOf, ScaleBar } from "./scalebar.js";
+import { colourAt, theme } from "./theme.js";
 
 const LEVELS = 255;
 
-/** The colours of a ramp from 0 to 1 as [red, green, blue]. */
-function table(ramp) {
-  return Array.from({ length: LEVELS + 1 }, (_, k) => mixed(ramp, k / LEVELS).match(/\d+/g).map(Number));
+/** The colours of a scale from 0 to 1 as [red, green, blue]. */
+function table(stops) {
+  return Array.from({ length: LEVELS + 1 }, (_, k) => colourAt(stops, k / LEVELS).match(/\d+/g).map(Number));
 }
 
 export class Scale3d {
   constructor(data) {
     this.data = data;
-    this.largest = Math.max(data.size[data.worst] || 0, 1e-9);
-    this.span = WIDTH_SPAN * (data.width_tolerance || 10); // [%]
-    this.byWidth = false;
-    this.bar = element("span", { class: "ramp" });
-    this.low = element("span");
-    this.high = element("span");
-    this.element = element("span", { class: "scale" }, this.low, this.bar, this.high);
-    this._legend();
-    onTheme(() => this._legend());
+    this.byWidth = Boolean(data.width) && data.shown !== "path";
+    this.bar = new ScaleBar(data, this.byWidth);
+    this.element = this.bar.element;
   }
 
   get quantity() {
@@ -32,46 +26,21 @@ export class Scale3d {
   /** Buttons that choose the quantity; none where the bead's width is unknown. */
   buttons(changed) {
     if (!this.data.width) return [];
-    const buttons = [["error", false], ["width", true]].map(([label, byWidth]) => {
-      const button = element("button", { type: "button", "aria-pressed": String(byWidth === this.byWidth) }, label);
-      button.addEventListener("click", () => {
+    return [
+      choose("Colour", [["width", true], ["path error", false]], this.byWidth, (byWidth) => {
         this.byWidth = byWidth;
-        buttons.forEach((other) => other.setAttribute("aria-pressed", String(other === button)));
-        this._legend();
+        this.bar.show(byWidth);
         changed();
-      });
-      return button;
-    });
-    return [element("span", { class: "choice", role: "group", "aria-label": "Colour" }, ...buttons)];
-  }
-
-  _legend() {
-    const { data, byWidth, span, largest, bar } = this;
-    this.low.textContent = byWidth ? `−${span} %` : "0";
-    this.high.textContent = byWidth ? `+${span} %` : `${digits(largest)} µm`;
-    bar.style.background = `linear-gradient(to right, ${(byWidth ? theme().widths : theme().errors).join(",")})`;
-    const limit = byWidth ? data.width_tolerance : data.path_tolerance;
-    const unit = byWidth ? "%" : "µm";
-    const marks = byWidth ? [0.5 - limit / span / 2, 0.5 + limit / span / 2] : [limit / largest];
-    bar.replaceChildren();
-    for (const share of limit ? marks : []) {
-      if (share > 1) continue;
-      const mark = element("i", { title: `tolerance: ${digits(limit)} ${unit}` });
-      mark.style.left = `${100 * share}%`;
-      bar.append(mark);
-    }
+      }),
+    ];
   }
 
   /** A function from a row to [red, green, blue]. */
   painter() {
-    const { data, byWidth, span, largest } = this;
-    const colours = theme();
-    const ramp = table(byWidth ? colours.widths : colours.errors);
-    const unknown = table([colours.soft, colours.soft])[0];
-    const { width } = data.column;
-    return (row) => {
-      const share = byWidth ? 0.5 + (50 * (width[row] / data.width - 1)) / span : data.size[row] / largest;
-      return share === share ? ramp[Math.round(LEVELS * Math.min(Math.max(share, 0), 1))] : unknown;
-    };
+    const { shares, widths, soft } = theme();
+    const colours = table(this.byWidth ? widths : shares);
+    const unknown = soft.match(/[0-9a-f]{2}/gi).map((part) => parseInt(part, 16));
+    const place = placeOf(this.data, this.byWidth);
+    return (row) => colours[Math.round(LEVELS * place(row))] || unknown;
   }
 }

@@ -225,7 +225,7 @@ export class Strips {
     if (line) {
       context.globalAlpha = 0.3;
       for (const [first, last] of stretches(this.data.rows, (row) => this.data.column.line[row] === line)) {
-        this._band(plot, first, last, colours.errors[1]);
+        this._band(plot, first, last, colours.near);
       }
     }
     context.restore();

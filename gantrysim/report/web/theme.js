@@ -1,30 +1,55 @@
 // Colours of the page, light or dark, as its style sheet has them.
 
 const DARK = window.matchMedia("(prefers-color-scheme: dark)");
+const FORCED = window.matchMedia("(forced-colors: active)");
 
-// lightness falls steadily on light paper and rises on dark, so that neither print nor colour vision matters
-const LIGHT_RAMP = ["#b9cfe4", "#e0a64e", "#cc5a3a", "#7d124f"];
-const DARK_RAMP = ["#41617f", "#a4588a", "#ee9a62", "#fff2ae"];
-// thin, as requested, wide
-const LIGHT_WIDTHS = ["#1f5fa8", "#b7b1a4", "#a8340c"];
-const DARK_WIDTHS = ["#6aaef5", "#8f897c", "#ff9152"];
-export const WIDTH_SPAN = 3; // deviation of the width at the ends of its scale, in tolerances
+/** Stops of a colour scale, [value, place, [red, green, blue]], ascending; gantrysim/results/colours.py has them. */
+function stopsOf(style, name) {
+  return style.getPropertyValue(name).split(",").map((stop) => {
+    const [value, place, colour] = stop.trim().split(" ");
+    return [Number(value), Number(place), [1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16))];
+  });
+}
+
+/** Last value of a scale. */
+export function endOf(stops) {
+  return stops[stops.length - 1][0];
+}
+
+/** Place of a value on a scale, 0 to 1. */
+export function placeOn(stops, value) {
+  const k = stops.findIndex((stop) => stop[0] > value);
+  if (k === 0) return 0;
+  if (k < 0) return 1;
+  const [[low, first], [high, last]] = [stops[k - 1], stops[k]];
+  return first + ((last - first) * (value - low)) / (high - low);
+}
 
 export function onTheme(listener) {
-  DARK.addEventListener("change", listener);
+  for (const query of [DARK, FORCED]) query.addEventListener("change", listener);
 }
 
 export function theme() {
   const style = getComputedStyle(document.documentElement);
-  const value = (name) => style.getPropertyValue(name).trim();
+  // forced colours are names of the system's, which WebGL does not know
+  const probe = document.querySelector("header");
+  const value = (name) => {
+    const given = style.getPropertyValue(name).trim();
+    if (!FORCED.matches) return given;
+    probe.style.color = given;
+    const colour = getComputedStyle(probe).color;
+    probe.style.color = "";
+    return colour;
+  };
   return {
     ink: value("--ink"),
     soft: value("--soft"),
     line: value("--line"),
     paper: value("--paper"),
     alarm: value("--alarm"),
-    errors: DARK.matches ? DARK_RAMP : LIGHT_RAMP,
-    widths: DARK.matches ? DARK_WIDTHS : LIGHT_WIDTHS,
+    near: value("--near"),
+    shares: stopsOf(style, "--share-stops"),
+    widths: stopsOf(style, "--width-stops"),
   };
 }
 
@@ -33,14 +58,11 @@ export function colourOf(series, colours) {
   return !series.colour || series.name === "contour" ? colours.ink : series.colour;
 }
 
-/** The colour at a share, 0 to 1, of a ramp of colours. */
-export function mixed(ramp, share) {
-  const place = Math.min(Math.max(share, 0), 1) * (ramp.length - 1);
-  const k = Math.min(Math.floor(place), ramp.length - 2);
-  const part = (colour, i) => parseInt(colour.slice(2 * i + 1, 2 * i + 3), 16);
-  const mix = [0, 1, 2].map((i) => {
-    const low = part(ramp[k], i);
-    return Math.round(low + (place - k) * (part(ramp[k + 1], i) - low));
-  });
-  return `rgb(${mix.join(",")})`;
+/** The colour at a place of a scale, 0 to 1. */
+export function colourAt(stops, place) {
+  const k = stops.findIndex((stop) => stop[1] > place);
+  const [, first, low] = stops[k < 0 ? stops.length - 1 : Math.max(k - 1, 0)];
+  const [, last, high] = stops[k < 0 ? stops.length - 1 : k];
+  const share = last > first ? Math.max(place - first, 0) / (last - first) : 0;
+  return `rgb(${low.map((part, i) => Math.round(part + share * (high[i] - part))).join(",")})`;
 }

@@ -11,7 +11,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.metrics import CircularTest, Trace, minimum_zone
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.report.document import Column, Table
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+from gantrysim.report.plots.style import COLOURS, UM, sheet
+from gantrysim.results.colours import INK, RUNS
 from gantrysim.study.acceptance import MOTION_LIMITS, Acceptance, Scope, improve_command
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.circle.study import AXES, DECAY, SENSES, CircleStudy
@@ -67,7 +68,7 @@ def _source(test: CircularTest, motors: dict[str, Trace]) -> str:
     return f"the motors' G is {UM * of_motors:.1f} µm {name}, so most of it arises {side} the motors"
 
 
-_PATHS = {"clockwise": AXIS_COLOURS[1], "counter-clockwise": AXIS_COLOURS[0]}
+_PATHS = {"clockwise": RUNS[0], "counter-clockwise": RUNS[1]}
 _DIVISIONS = (1, 2, 5)
 _RINGS = 4  # divisions from the nominal circle to the largest deviation, at most
 _INSIDE = 1.6  # radius of the nominal circle in the chart, in largest deviations

@@ -10,8 +10,9 @@ import numpy as np
 from gantrysim.base.quantity import MAX, RMS, Quantity
 from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG
 from gantrysim.report.document import Column, Table
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, sheet
+from gantrysim.report.plots.style import sheet
 from gantrysim.results.checks import FAIL
+from gantrysim.results.colours import BAD, INK, RUNS
 from gantrysim.results.quantities import TORQUE_RIPPLE
 from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY
 from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN, SENSITIVITY
@@ -113,14 +114,14 @@ _SHOWN_VALUES: tuple[tuple[Quantity[Any], str], ...] = (
 )
 _ASPECT_COLOURS = {
     PATH: INK,
-    GLUE: COLOURS["program"],
-    STABILITY: COLOURS["servo"],
-    MACHINE: COLOURS["structure"],
+    GLUE: RUNS[0],
+    STABILITY: RUNS[1],
+    MACHINE: RUNS[2],
 }
 _LIMIT = 100.0  # [%]
 _VALUES = {
-    "following error, rms": ("following_rms_um", COLOURS["servo"]),
-    "largest after a reversal": ("reversal_max_um", COLOURS["program"]),
+    "following error, rms": ("following_rms_um", RUNS[0]),
+    "largest after a reversal": ("reversal_max_um", RUNS[1]),
     "contour, rms": ("contour_rms_um", INK),
 }
 _CAPTION = (
@@ -168,7 +169,7 @@ def _chart(study: LawsStudy, nominal: dict[str, Row]) -> Plot | None:
             shown[aspect] = (values, _ASPECT_COLOURS[aspect])
     figure = _bars(list(judged), shown, LIMIT_USE.head)
     (axes,) = figure.axes
-    axes.axvline(_LIMIT, color=COLOURS["fault"], lw=1.2, ls="--", zorder=1)
+    axes.axvline(_LIMIT, color=BAD, lw=1.2, ls="--", zorder=1)
     return Plot(
         "limits",
         "Limits by law",
@@ -285,7 +286,7 @@ def _draw_variations(study: LawsStudy, rows: Sequence[Row]) -> Figure:
     }
     laws = list(chosen(rows, NOMINAL))
     shown = {}
-    for (variation, label), colour in zip(labels.items(), AXIS_COLOURS, strict=False):
+    for (variation, label), colour in zip(labels.items(), RUNS, strict=False):
         by_law = chosen(rows, variation)
         values = [_value(by_law[law], "following_rms_um") if law in by_law else float("nan") for law in laws]
         shown[label] = (values, colour)
@@ -314,7 +315,7 @@ def _draw_repeats(rows: Sequence[Row], exact: dict[str, Row]) -> Figure:
         axes = figure.add_subplot()
         counts = [0, *(int(str(row["repeats"])) for row in rows)]
         values = [_value(exact.get(_PID, {}), "following_rms_um"), *(_value(row, "following_rms_um") for row in rows)]
-        axes.plot(counts, values, "o-", color=COLOURS["servo"])
+        axes.plot(counts, values, "o-", color=INK)
         logarithmic(axes, "y", [value for value in values if value > 0])
         axes.set(xlabel="repeats learnt from", ylabel="following error, rms [µm]")
     return figure

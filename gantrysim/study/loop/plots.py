@@ -10,7 +10,8 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.controllers.loop_theory import LoopTheory
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+from gantrysim.report.plots.style import COLOURS, UM, sheet
+from gantrysim.results.colours import INK, RUNS
 from gantrysim.servo.servo import Servo
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.drawing import series
@@ -201,7 +202,7 @@ _LINE = 60  # points of a predicted line
 _MS = 1e3
 _LEAST_SPACING = 0.05  # of the logarithmic axis [µm]
 _LEAST_DEVIATION = 1e-7
-_VALUE_COLOURS = (INK, COLOURS["servo"], AXIS_COLOURS[0], COLOURS["structure"], COLOURS["program"])
+_VALUE_COLOURS = (INK, *RUNS)
 
 
 def plots(study: LoopStudy, rows: Sequence[Row]) -> list[Plot]:

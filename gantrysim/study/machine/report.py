@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.machine.tolerances import in_words
 from gantrysim.report.document import Column, Table
-from gantrysim.report.plots.style import COLOURS, INK, sheet
+from gantrysim.report.plots.style import sheet
+from gantrysim.results.colours import BAD, GOOD, INK, RUNS
 from gantrysim.study.acceptance import Acceptance, Criterion, JobCriterion, improve_command
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.machine.study import MachineStudy
@@ -179,8 +180,6 @@ def _lever(influence: Influence, halves: tuple[float, float]) -> str:
     )
 
 
-_GOOD = COLOURS["structure"]
-_BAD = COLOURS["fault"]
 _BINS = (12, 40)
 _WORST = 5
 _MARGIN = 12  # beyond 0 and 100 %, for the label of the yield [%]
@@ -315,7 +314,7 @@ def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) ->
     with sheet(9.0, 6.4) as drawing:
         above, below = drawing.subplots(2, sharex=True, height_ratios=(3, 2))
         above.step(np.concatenate([finite[:1], finite]), np.concatenate([[0], share]), where="post", color=INK, lw=1.8)
-        above.plot([tolerance], [within], "o", ms=7, color=_BAD, zorder=4)
+        above.plot([tolerance], [within], "o", ms=7, color=BAD, zorder=4)
         # the curve rises to the right: the label fits above it on the left and below it on the right
         beyond_middle = tolerance > 0.5 * (finite[0] + finite[-1])
         above.annotate(
@@ -325,7 +324,7 @@ def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) ->
             textcoords="offset points",
             ha="right" if beyond_middle else "left",
             va="bottom" if beyond_middle else "top",
-            color=_BAD,
+            color=BAD,
             weight="bold",
         )
         bins = int(np.clip(np.sqrt(finite.size) * 1.5, *_BINS))
@@ -336,12 +335,12 @@ def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) ->
             np.floor((low - tolerance) / width), np.ceil((high - tolerance) / width) + 1
         )
         counts, edges = np.histogram(finite, np.append(edges, edges[-1] + width))
-        colours = [_GOOD if edge < tolerance - 1e-9 * width else _BAD for edge in edges[:-1]]
+        colours = [GOOD if edge < tolerance - 1e-9 * width else BAD for edge in edges[:-1]]
         below.bar(edges[:-1], counts, np.diff(edges), align="edge", color=colours, alpha=0.75, edgecolor="w", lw=0.6)
         for axes in (above, below):
-            axes.axvline(tolerance, color=_BAD, lw=1.2, ls="--", label=f"tolerance {tolerance:g}")
+            axes.axvline(tolerance, color=BAD, lw=1.2, ls="--", label=f"tolerance {tolerance:g}")
             if np.isfinite(nominal):
-                axes.axvline(nominal, color=COLOURS["servo"], lw=1.2, ls=":", label=f"nominal machine {nominal:.4g}")
+                axes.axvline(nominal, color=RUNS[0], lw=1.2, ls=":", label=f"nominal machine {nominal:.4g}")
         above.set(ylabel="share of machines [%]", ylim=(-_MARGIN, 100 + _MARGIN), yticks=range(0, 101, 20))
         below.set(ylabel="machines", xlabel=label)
         below.yaxis.get_major_locator().set_params(integer=True)
@@ -355,7 +354,7 @@ def _draw_influence(factors: list[Influence]) -> Figure:
         axes = drawing.add_subplot()
         for k, influence in enumerate(factors):
             coefficient = influence.coefficient
-            colour = _BAD if coefficient > 0 else COLOURS["servo"]
+            colour = BAD if coefficient > 0 else GOOD
             axes.barh(k, coefficient, color=colour, alpha=0.9 if influence.clear else 0.25, height=0.7)
             end = coefficient + (0.015 if coefficient >= 0 else -0.015)
             side = "left" if coefficient >= 0 else "right"
@@ -376,10 +375,10 @@ def _draw_scatter(factors: dict[str, Floats], metric: Floats, tolerance: float, 
     with sheet(9.0, 0.6 + 2.9 * rows) as drawing:
         panels = drawing.subplots(rows, columns, sharey=True, squeeze=False).ravel()
         for panel, (name, values) in zip(panels, factors.items(), strict=False):
-            for within, colour in ((True, _GOOD), (False, _BAD)):
+            for within, colour in ((True, GOOD), (False, BAD)):
                 chosen = finite & ((metric <= tolerance) == within)
                 panel.plot(values[chosen], metric[chosen], "o", ms=4, mew=0, alpha=0.75, color=colour)
-            panel.axhline(tolerance, color=_BAD, lw=1.0, ls="--")
+            panel.axhline(tolerance, color=BAD, lw=1.0, ls="--")
             panel.set_xlabel("payload [kg]" if name == "payload" else f"{name}, factor")
         for panel in panels[len(factors) :]:
             panel.set_visible(False)

@@ -12,7 +12,8 @@ from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.metrics.parts import PART_PLACE
 from gantrysim.report.document import Column, Table
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+from gantrysim.report.plots.style import COLOURS, UM, colour_map, sheet
+from gantrysim.results.colours import INK, MAGNITUDE, RUNS
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.repeat.study import ALL, PHASES, RepeatStudy, has_phase
@@ -167,13 +168,13 @@ def _draw_along(paths: dict[str, RepeatedPath]) -> Figure:
         above, below = figure.subplots(2, sharex=True)
         low = np.maximum(accuracy - reach, 0)
         high = accuracy + reach
-        above.fill_between(path.s, low, high, color=COLOURS["servo"], alpha=0.25, lw=0, label="± repeatability RT")
+        above.fill_between(path.s, low, high, color=COLOURS["requested"], alpha=0.35, lw=0, label="± repeatability RT")
         above.plot(path.s, accuracy, color=INK, lw=1.2, label="accuracy AT: mean of the repeats to the path")
         k = int(accuracy.argmax())
         above.plot(path.s[k], accuracy[k], "v", ms=7, color=COLOURS["fault"], label=f"ATp = {accuracy[k]:.2f} µm")
         below.plot(path.s, reach, color=INK, lw=1.4, label=f"{ALL} varied, RTp = {reach.max():.2f} µm")
         sources = {name: source for name, source in paths.items() if name != ALL}
-        for colour, (varied, alone) in zip(AXIS_COLOURS, sources.items(), strict=False):
+        for colour, (varied, alone) in zip(RUNS, sources.items(), strict=False):
             label = f"{varied} alone, {UM * alone.path_repeatability:.2f} µm"
             below.plot(alone.s, UM * alone.repeatability, color=colour, lw=1.0, label=label)
         above.set(ylabel="to the requested path [µm]")
@@ -198,7 +199,7 @@ def _draw_plan(path: RepeatedPath) -> Figure:
     width, depth = np.maximum(np.ptp(points, axis=0), 1e-9)
     with sheet(7.4, float(np.clip(5.6 * depth / width + 1.1, 3.0, 7.4))) as figure:
         axes = figure.add_subplot()
-        lines = LineCollection(list(segments), cmap="viridis", linewidths=3.0, capstyle="round")
+        lines = LineCollection(list(segments), cmap=colour_map(MAGNITUDE), linewidths=3.0, capstyle="round")
         lines.set_array(0.5 * (reach[:-1] + reach[1:])[joined])
         lines.set_clim(0, float(reach.max()) or 1.0)
         axes.add_collection(lines)

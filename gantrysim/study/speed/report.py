@@ -12,7 +12,8 @@ from gantrysim.base.quantity import MEAN
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.error_quantities import CONTOUR, DURATION, SPEED
 from gantrysim.report.document import Column, Table
-from gantrysim.report.plots.style import COLOURS, INK, sheet
+from gantrysim.report.plots.style import COLOURS, sheet
+from gantrysim.results.colours import BAD, GOOD, INK
 from gantrysim.study.acceptance import Criterion, improve_command, settings_text
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.drawing import logarithmic
@@ -280,13 +281,13 @@ def _draw_metric(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) ->
         speeds = [speed_of(row) for row in good]
         values = [criterion.value(row) for row in good]
         axes.plot(speeds, values, color=INK, lw=1.0, alpha=0.5)
-        kinds = (("within the tolerance", True, COLOURS["structure"]), ("out of tolerance", False, COLOURS["fault"]))
+        kinds = (("within the tolerance", True, GOOD), ("out of tolerance", False, BAD))
         for label, within, colour in kinds:
             chosen = [k for k, row in enumerate(good) if criterion.within(row) is within]
             if chosen:
                 points = [speeds[k] for k in chosen], [values[k] for k in chosen]
                 axes.plot(*points, "o", ms=5, color=colour, label=label, zorder=3)
-        axes.axhline(criterion.tolerance, color=COLOURS["fault"], lw=1.2, ls="--", label="tolerance")
+        axes.axhline(criterion.tolerance, color=BAD, lw=1.2, ls="--", label="tolerance")
         failed = sorted(speed_of(row) for row in rows if row["status"] != OK)
         if failed:
             transform = axes.get_xaxis_transform()
@@ -294,7 +295,7 @@ def _draw_metric(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) ->
             axes.plot(failed, heights, "x", ms=7, color=COLOURS["fault"], transform=transform, label="fault or refused")
         axes.axvline(study.programmed_speed, color=COLOURS["requested"], lw=1.0, ls=":", label="programmed speed")
         if result.fastest is not None:
-            axes.axvspan(min(speeds + failed), result.fastest, color=COLOURS["structure"], alpha=0.08, lw=0)
+            axes.axvspan(min(speeds + failed), result.fastest, color=GOOD, alpha=0.12, lw=0)
             axes.set_title(f"within the tolerance up to {result.fastest:g} mm/s", loc="right")
         logarithmic(axes, "x", [*speeds, *failed])
         if max(values) > _LOGARITHMIC_FROM * min(values):

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, sheet
+from gantrysim.report.plots.style import COLOURS, sheet
+from gantrysim.results.colours import AXES, BAD, INK, REQUESTED, RUNS
 from gantrysim.servo.servo import Servo
 from gantrysim.study.drawing import logarithmic
 from gantrysim.study.tuning.candidates import RANKS
@@ -21,13 +22,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_START = "#9aa0a8"
-_PHASE_COLOURS = {"start": _START, "tuned": COLOURS["servo"]}
-_GAIN_COLOURS = tuple(COLOURS[link] for link in ("servo", "program", "structure", "encoder", "contour"))
+_PHASE_COLOURS = {"start": REQUESTED, "tuned": RUNS[0]}
+_GAIN_COLOURS = (*RUNS[:4], INK)
 _RANK_STYLES: dict[int, dict[str, Any]] = {
-    1: {"marker": "o", "mfc": COLOURS["servo"], "mec": "none", "alpha": 0.7},
-    2: {"marker": "o", "mfc": "none", "mec": COLOURS["program"]},
-    3: {"marker": "D", "mfc": "none", "mec": COLOURS["encoder"]},
+    1: {"marker": "o", "mfc": RUNS[0], "mec": "none", "alpha": 0.7},
+    2: {"marker": "o", "mfc": "none", "mec": RUNS[1]},
+    3: {"marker": "D", "mfc": "none", "mec": RUNS[2]},
 }
 _FREQUENCIES = 1500
 _LOWEST = 1e-3  # of half the servo's frequency
@@ -100,7 +100,7 @@ def draw_gains(start: Servo, tuned: Servo, axes: Sequence[str]) -> Figure:
             k = np.flatnonzero((old[:, a] > 0) & (new[:, a] > 0))
             ratio = new[k, a] / old[k, a]
             middle = k + (a - 0.5 * (len(axes) - 1)) * width
-            colour = AXIS_COLOURS[a % len(AXIS_COLOURS)]
+            colour = AXES[a % len(AXES)]
             bars = panel.bar(middle, ratio - 1, 0.9 * width, bottom=1.0, color=colour, label=axis)
             panel.bar_label(bars, [f"{value:.3g}" for value in ratio], padding=2, fontsize=8)
             drawn += ratio.tolist()
@@ -139,12 +139,12 @@ def draw_loops(stability: Stability, start: Servo, tuned: Servo, axes: Sequence[
                 near_point.plot(loops[:, a].real, loops[:, a].imag, **style)
                 peaks.plot(frequency, 1 / np.abs(1 + loops[:, a]), label="_" if machine else name, **style)
 
-        draw(start, 0, [_START], ["start", *["_"] * (len(axes) - 1)], "--")
+        draw(start, 0, [REQUESTED], ["start", *["_"] * (len(axes) - 1)], "--")
         for machine in reversed(range(stability.machines)):
-            draw(tuned, machine, AXIS_COLOURS, [f"{axis}, tuned" for axis in axes], "-")
+            draw(tuned, machine, AXES, [f"{axis}, tuned" for axis in axes], "-")
         near_point.set(xlim=(-3.2, 0.8), ylim=(-2.4, 2.4), xlabel="Re L", ylabel="Im L", aspect="equal")
         near_point.axhline(0, color=INK, lw=0.5)
-        peaks.axhline(stability.peak, color=COLOURS["fault"], lw=1.2, ls="--")
+        peaks.axhline(stability.peak, color=BAD, lw=1.2, ls="--")
         peaks.annotate(
             f"limit {stability.peak:.3g}", (frequency[0], stability.peak), xytext=(2, 3),
             textcoords="offset points", color=COLOURS["fault"], fontsize=9,

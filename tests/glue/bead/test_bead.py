@@ -318,6 +318,55 @@ def test_what_a_flow_limit_withholds_is_steady_error_and_not_a_late_start():
     assert whole.running_error == pytest.approx(0.0, abs=1e-2)
 
 
+LAG = 0.03  # [s]
+
+
+def stepped_bead(speeds, durations, **dispenser):
+    """A bead along a line at speeds for durations [s], with a section in proportion, and what the flow then is.
+
+    After each piece the flow is q = d + (q0 - d) exp(-t / LAG), by hand.
+    """
+    speed = np.concatenate([np.full(round(t / PERIOD), v) for v, t in zip(speeds, durations, strict=True)])
+    position = np.concatenate([[0.0], np.cumsum(speed) * PERIOD, np.full(600, speed.sum() * PERIOD)])
+    on = np.arange(position.size) < speed.size
+    base = run_setpoints(laid(XY, line()))
+    points = replace(base, position=np.stack([position - 60.0, 0 * position], axis=1), dispense=on)
+    values = {"area": AREA, "opening": LAG, "closing": LAG} | dispenser
+    flows = [0.0]
+    for v, t in zip(speeds, durations, strict=True):
+        flows.append(AREA * v + (flows[-1] - AREA * v) * math.exp(-t / LAG))
+    return Bead(perfect_follower(XY, points, dispenser=Dispenser(**values)), BeadSettings()), flows[1:]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_starts_and_stops_are_told_from_a_speed_that_changes_all_the_time(seed):
+    """Of a lag T, T (q2 - q1) is missing between flows q1 and q2. Nothing settles here: pieces of 0.3 to 1.5 T.
+
+    The start ends where the flow first meets its demand, at the first fall of the speed through it, and the stop begins
+    where it last did.
+    """
+    rng = np.random.default_rng(seed)
+    speeds = np.array([40.0, 90.0, *rng.uniform(20.0, 100.0, 20), 80.0, 20.0, 70.0]).round(1)
+    durations = (LAG * rng.uniform(0.3, 1.5, speeds.size)).round(3)
+    bead, flows = stepped_bead(speeds, durations)
+    crosses = (np.array(flows[:-1]) - AREA * speeds[:-1]) * (np.array(flows[:-1]) - AREA * speeds[1:]) < 0
+    assert crosses.any()
+    first, last = np.flatnonzero(crosses)[[0, -1]]
+    values = bead.values
+    assert values.start_error == pytest.approx(-LAG * flows[first], rel=1e-9)
+    assert values.stop_error == pytest.approx(LAG * flows[last], rel=1e-6)
+    assert values.running_error == pytest.approx(-LAG * (flows[last] - flows[first]), abs=1e-9)
+
+
+@pytest.mark.parametrize("slow", [1.0, 0.3])
+def test_a_start_is_that_of_the_first_speed_at_which_the_flow_settles(slow):
+    """12 lags at both ends: the start misses T A v1, the stop lays T A v2 too much, however often the speed changes."""
+    speeds = [60.0 * slow, *[100.0, 30.0] * 4, 50.0]
+    bead, _ = stepped_bead(speeds, [12 * LAG, *[0.8 * LAG] * 8, 12 * LAG])
+    assert bead.values.missing_at_start.mean == pytest.approx(LAG * 60.0 * slow, rel=2e-3)
+    assert bead.values.excess_at_stop.mean == pytest.approx(LAG * 50.0, rel=2e-3)
+
+
 def test_a_start_compensated_by_an_advance_has_no_shortfall():
     bead = ramped(Dispenser(flow=AREA * SPEED, opening=0.02, closing=0.02, advance=0.02))
     assert bead.values.missing_at_start.mean == pytest.approx(0.0, abs=1e-3)

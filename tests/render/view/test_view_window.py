@@ -21,6 +21,7 @@ from gantrysim.render.view.chart import Chart
 from gantrysim.render.view.texts import Texts
 from gantrysim.render.view.window import NoDisplayError, ViewerWindow, WindowClosedError, check_display, free_view
 from gantrysim.report.saved import SavedRun
+from gantrysim.results.colours import MAGNITUDE
 
 from support.films import shows
 from support.views import write_run
@@ -307,8 +308,7 @@ def test_colour_bar_goes_from_low_to_high(saved):
 
 
 def test_the_colour_bar_labels_its_ends():
-    table = np.zeros((256, 3), np.uint8)
-    bar = colour_bar(Scale("contour error", "µm", 0.0, 15.07, False, True, table), 300)
+    bar = colour_bar(Scale("contour error", "µm", 0.0, 15.07, False, True, MAGNITUDE), 300)
     for text, there in (("≥ 15.1", True), ("0.0", True), ("≤", False)):
         part = bar[:22, 150:] if text.startswith("≥") else bar[:22, :150]
         assert shows(part, text, 12, "#ebebeb", paper="#14171c") is there, text

@@ -188,7 +188,8 @@ def _set_analogue(state: ProgramState, block: WordBlock, name: str) -> None:
     number = block.values.get("E", 0.0)
     if not state.set_flow(f"M67 E{number:g}", block.values.get("Q", 0.0)):
         state.ignored[name] += 1
-    block.drop(_OUTPUT_WORDS)
+    # R and P of an arc in the same block stay
+    block.drop("EQ")
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, names=[f"M{number}" for number in range(100, 200)])

@@ -13,6 +13,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.tasks import Scheduler, StatementClock
 from gantrysim.controllers.trio.basic.axis import Axis
+from gantrysim.controllers.trio.basic.outputs import SetPoint
 from gantrysim.controllers.trio.basic.process import ProgramCode, State
 
 RECORDED = 4  # axes 0 to 3 can be those of the machine without being named
@@ -28,6 +29,7 @@ class Trace:
         period: servo period [s].
         position: of the recorded axes at every servo tick, (n, recorded) [units].
         outputs: whether the valve's output was on at them, (n,).
+        set_points: of the flow, by an output, at them, (n,); None without.
         lines: of the text, of the move that runs then, else of the first process, (n,).
         state: of the controller at the end.
     """
@@ -35,8 +37,26 @@ class Trace:
     period: float
     position: Floats
     outputs: NDArray[np.bool_]
+    set_points: Floats | None
     lines: NDArray[np.int64]
     state: State
+
+
+@dataclass(frozen=True)
+class GlueOutputs:
+    """The outputs that lay glue.
+
+    Attributes:
+        valve: number of the one that opens the valve.
+        set_point: reads the set point of the flow; None without.
+    """
+
+    valve: int
+    set_point: SetPoint | None = None
+
+    def values(self, state: State) -> tuple[float, float]:
+        """Return whether the valve is open, and the set point."""
+        return float(self.valve in state.outputs), 0.0 if self.set_point is None else self.set_point(state)
 
 
 @dataclass(frozen=True)
@@ -59,7 +79,7 @@ def run(
     state: State,
     times: dict[str, float],
     recorded: tuple[int, ...],
-    valve: int,
+    glue: GlueOutputs,
     limits: Limits,
 ) -> Trace:
     """Run the first program, and those that it starts, until all have ended and the axes rest.
@@ -70,12 +90,12 @@ def run(
     Raises:
         InputError: a statement fails, with its line, or a limit is exceeded.
     """
-    return _Run(state, times, recorded, valve, limits).run(codes[0].name)
+    return _Run(state, times, recorded, glue, limits).run(codes[0].name)
 
 
 class _Run:
     def __init__(
-        self, state: State, times: dict[str, float], recorded: tuple[int, ...], valve: int, limits: Limits
+        self, state: State, times: dict[str, float], recorded: tuple[int, ...], glue: GlueOutputs, limits: Limits
     ) -> None:
         refusal = f"more than {limits.statements} statements are executed: must be fewer, or raise statement_limit"
         self._state = state
@@ -83,15 +103,15 @@ class _Run:
         self._scheduler = Scheduler(self._clock, state.motion.period)
         self._limits = limits
         self._recorded = recorded
-        self._valve = valve
+        self._glue = glue
 
     def run(self, name: str) -> Trace:
         state = self._state
         motion = self._state.motion
         positions = array("d")
-        outputs = bytearray()
+        outputs = array("d")
         lines = array("q")
-        # of ticks for which output and line stay the same
+        # of ticks for which outputs and line stay the same
         counts = array("q")
         axes = [motion.axis(number) for number in self._recorded]
         state.run(name, 0.0)
@@ -108,7 +128,7 @@ class _Run:
             is_settled = self._clock.count == count or len(state.processes) == 1
             state.processes = [process for process in state.processes if not process.ended]
             positions.extend([axis.position for axis in axes])
-            outputs.append(self._valve in state.outputs)
+            outputs.extend(self._glue.values(state))
             lines.append(self._active_line(axes))
             counts.append(1)
             if not state.processes and motion.resting(self._recorded):
@@ -140,8 +160,10 @@ class _Run:
         # they refer to the state: a cycle, which only the garbage collector would free
         state.latest.clear()
         position = np.frombuffer(positions, float).reshape(-1, len(axes))
-        is_on = np.frombuffer(outputs, bool).repeat(counts)
-        return Trace(motion.period, position, is_on, np.frombuffer(lines, np.int64).repeat(counts), state)
+        is_on, flow = np.frombuffer(outputs, float).reshape(-1, 2).T.repeat(counts, axis=1)
+        set_points = None if self._glue.set_point is None else flow
+        active = np.frombuffer(lines, np.int64).repeat(counts)
+        return Trace(motion.period, position, is_on > 0, set_points, active, state)
 
     def _stop(self) -> None:
         """Stop the processes and bring the axes to rest."""

@@ -13,6 +13,7 @@ from gantrysim.controllers.trio.basic.motion import Motion
 VR_SIZE = 65_536
 TABLE_SIZE = 512_000
 MOST_OUTPUTS = 1024
+MOST_ANALOGUE = 64  # outputs
 MOST_PROCESSES = 32
 MOST_CHARACTERS = 4096  # of a printed line
 MOST_PRINTED = 10_000  # lines of the log; later ones are counted
@@ -134,6 +135,7 @@ class State:
         vr, table: global memory.
         outputs: numbers of the outputs that are on.
         switched: outputs that a program has switched.
+        analogue: values of the analogue outputs that a program has set, by number.
         processes: in the order of their start.
         printed: what programs print.
         unlogged: number of printed lines that the log does not keep.
@@ -155,6 +157,7 @@ class State:
     table: dict[int, float] = field(default_factory=dict)
     outputs: set[int] = field(default_factory=set)
     switched: set[int] = field(default_factory=set)
+    analogue: dict[int, float] = field(default_factory=dict)
     processes: list[Process] = field(default_factory=list)
     printed: list[Printed] = field(default_factory=list)
     unlogged: int = 0
@@ -195,6 +198,10 @@ class State:
         )
         self.processes.append(process)
         self.latest[process.number] = process
+
+    def set_analogue(self, output: float, value: float) -> None:
+        """Set an analogue output."""
+        self.analogue[index("AOUT", output, MOST_ANALOGUE)] = value
 
     def stop(self, name: str | None) -> None:
         """Stop the processes of a program, None for all."""

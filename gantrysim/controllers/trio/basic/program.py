@@ -23,10 +23,11 @@ from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.trio.basic import interpreter, text
 from gantrysim.controllers.trio.basic.buffers import MOST_AXES, MotionSettings
 from gantrysim.controllers.trio.basic.expressions import known_words
-from gantrysim.controllers.trio.basic.interpreter import Limits, Trace
+from gantrysim.controllers.trio.basic.interpreter import GlueOutputs, Limits, Trace
 from gantrysim.controllers.trio.basic.motion import Motion
 from gantrysim.controllers.trio.basic.move_speeds import speeds_of_moves, with_move_speeds
 from gantrysim.controllers.trio.basic.moves import Arc
+from gantrysim.controllers.trio.basic.outputs import set_point
 from gantrysim.controllers.trio.basic.path import StatedSpiral, around, exact, on_path, polyline
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Printed, ProgramCode, State
 from gantrysim.controllers.trio.basic.raw import ProcessAssembler, Source
@@ -43,13 +44,13 @@ _SHOWN = 20  # printed lines, and handled errors
 _OFF_CIRCLE = 1e-3  # distance of an arc's stated end from its circle that rounding does not explain [mm]
 
 
-def notes_of(state: State, stop_after: float, valve: int, stated: bool) -> tuple[str, ...]:
+def notes_of(state: State, stop_after: float, outputs: tuple[int, str], stated: bool) -> tuple[str, ...]:
     """Return the notes.
 
     Args:
         state: of the controller at the end.
         stop_after: time at which programs are stopped [s].
-        valve: number of the output that opens the valve.
+        outputs: number of the one that opens the valve, and the one that sets the flow.
         stated: whether the program or the job states the requested path.
     """
     notes = []
@@ -63,9 +64,17 @@ def notes_of(state: State, stop_after: float, valve: int, stated: bool) -> tuple
     notes += [f"{error}: the program went on at its ON BASICERROR" for error in state.handled[:_SHOWN]]
     if len(state.handled) > _SHOWN:
         notes.append(f"ON BASICERROR: {len(state.handled) - _SHOWN} more errors")
-    for reason in dict.fromkeys(NOTED[name] for name in sorted(state.ignored)):
-        names = [name for name in sorted(state.ignored) if NOTED[name] == reason]
+    valve, flow = outputs
+    ignored = sorted(state.ignored - {flow.partition(" ")[0]})
+    for reason in dict.fromkeys(NOTED[name] for name in ignored):
+        names = [name for name in ignored if NOTED[name] == reason]
         notes.append(f"{', '.join(names)}: accepted without effect, {reason}")
+    unused = [f"AOUT({number})" for number in sorted(state.analogue) if f"AOUT({number})" != flow]
+    if unused:
+        notes.append(
+            f"{', '.join(unused)}: set without effect; --set 'program.flow_output=\"{unused[0]}\"' makes it the set "
+            "point of the flow, with dispenser.per_output"
+        )
     if valve not in state.switched:
         notes.append(
             f"OP({valve}) is never switched: the dispenser is on while the axes move, but not straight up or down"
@@ -225,6 +234,9 @@ class Basic(Controller):
         start: initial position of the axes x, y[, z[, r]], and their DPOS [mm, mm, mm, deg].
         valve: number of the output that opens the dispenser's valve; a program that never switches it dispenses
             while the axes move.
+        flow_output: output whose value is the set point of a pump's flow, which `dispenser.per_output` multiplies:
+            "AOUT(0)", "DAC AXIS(3)", "OP(8)" for 0 or 1, or "OP(8,15)" for the number of which these outputs are the
+            bits; by default none.
         inputs: numbers of the inputs that are on; all others are off.
         initial_speed: SPEED of every axis until the program sets it [mm/s].
         initial_acceleration: ACCEL and DECEL of every axis until the program sets them; inf for no limit [mm/s²].
@@ -253,6 +265,7 @@ class Basic(Controller):
     axis_numbers: tuple[int, ...] = ()
     start: tuple[float, ...] = (0.0, 0.0)
     valve: int = 8
+    flow_output: str = ""
     inputs: tuple[int, ...] = ()
     initial_speed: float = 1.0
     initial_acceleration: float = 1000.0
@@ -282,6 +295,8 @@ class Basic(Controller):
         object.__setattr__(self, "inputs", tuple(whole("inputs", number, 0) for number in self.inputs))
         if whole("valve", self.valve, 0) >= MOST_OUTPUTS:
             raise InputError(f"valve = {self.valve}: must be at most {MOST_OUTPUTS - 1}")
+        if self.flow_output:
+            set_point(self.flow_output)
         at_least("initial_speed", self.initial_speed, 0, "mm/s")
         if self.initial_acceleration != math.inf:
             positive("initial_acceleration", self.initial_acceleration, "mm/s²")
@@ -334,8 +349,9 @@ class Basic(Controller):
             )
             times = dict(vars(self.interpreter_time))
             limits = Limits(self.statement_limit, min(self.time_limit, MAX_TICKS * period), self.stop_after or math.inf)
+            glue = GlueOutputs(self.valve, set_point(self.flow_output) if self.flow_output else None)
             with located_errors(self.text):
-                self._runs[period] = interpreter.run(self.codes, state, times, recorded, self.valve, limits)
+                self._runs[period] = interpreter.run(self.codes, state, times, recorded, glue, limits)
         return self._runs[period]
 
     @property
@@ -410,7 +426,7 @@ class Basic(Controller):
     def notes(self) -> tuple[str, ...]:
         """What the program prints, and what is ignored or assumed."""
         stated = self.spiral is not None or self._stated(self._trace) is not None
-        return notes_of(self._trace.state, self.stop_after, self.valve, stated)
+        return notes_of(self._trace.state, self.stop_after, (self.valve, self.flow_output), stated)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         return {"text": SPEEDS.changed(self.text, change)}
@@ -446,6 +462,7 @@ class Basic(Controller):
             axes=_AXES[: len(numbers)],
             position=position,
             dispense=self._dispense(trace, position),
+            analogue=trace.set_points,
             requested=requested,
             progress=around(requested, linear) if isinstance(requested, Involute) else on_path(requested, linear),
         )

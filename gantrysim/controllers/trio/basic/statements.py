@@ -105,6 +105,9 @@ def _store(ref: Reference, arrays: set[str]) -> Store:
     if name == "VR":
         k = ref.plain(1)[0].value
         return lambda process, value: process.state.vr.__setitem__(index("VR", k(process), VR_SIZE), value)
+    if name == "AOUT":
+        output = ref.plain(1)[0].value
+        return lambda process, value: process.state.set_analogue(output(process), value)
     if name == "TABLE":
         raise InputError("TABLE: is set by TABLE(first, value, ...), not by =")
     if ref.arguments is not None or ref.axis is not None or ref.process is not None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic import operators
 from gantrysim.controllers.basic.operators import Function
-from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, VR_SIZE, Process, index
+from gantrysim.controllers.trio.basic.process import MOST_ANALOGUE, MOST_OUTPUTS, TABLE_SIZE, VR_SIZE, Process, index
 
 CONSTANTS = {"PI": math.pi, "TRUE": -1.0, "FALSE": 0.0, "ON": 1.0, "OFF": 0.0}
 
@@ -93,7 +93,16 @@ def _status(process: Process) -> float:
     return 0.0 if process.ended else 1.0
 
 
+def _analogue(number: int) -> SystemParameter:
+    """Return AOUT0 and so on: AOUT(0) by another name."""
+    return SystemParameter(
+        lambda process: process.state.analogue.get(number, 0.0),
+        lambda process, value: process.state.set_analogue(number, value),
+    )
+
+
 SYSTEM_PARAMETERS = {
+    **{f"AOUT{number}": _analogue(number) for number in range(4)},
     "CONTROL": SystemParameter(lambda process: SIMULATOR),
     "ERROR_AXIS": SystemParameter(lambda process: 0.0),
     "ERROR_LINE": SystemParameter(lambda process: float(process.error_line)),
@@ -129,6 +138,7 @@ MOST_BITS = 32  # inputs or outputs read as one number
 
 # memory, inputs and outputs, by one index; inputs and outputs by a first and a last one too
 MEMORY: dict[str, Callable[..., float]] = {
+    "AOUT": lambda process, k: process.state.analogue.get(index("AOUT", k, MOST_ANALOGUE), 0.0),
     "IN": _bits("IN", lambda process: process.state.inputs),
     "OP": _bits("OP", lambda process: process.state.outputs),
     "READ_OP": _bits("READ_OP", lambda process: process.state.outputs),
@@ -144,7 +154,7 @@ def _names(text: str) -> frozenset[str]:
 
 
 NOT_EMULATED = _names(
-    "ACC ADD_DAC AIN AOUT AUTORUN B_SPLINE CHANNEL_READ CLOSE DEC DEFKEY DISABLE_GROUP DLINK DRIVE_CONTROLWORD "
+    "ACC ADD_DAC AIN AUTORUN B_SPLINE CHANNEL_READ CLOSE DEC DEFKEY DISABLE_GROUP DLINK DRIVE_CONTROLWORD "
     "FILE FLAG FLAGS FLEXLINK GET INPUT INVERT_IN KEY LINPUT MODBUS MOVEMODIFY MOVETANG MSPHERICAL "
     "MSPHERICALSP OPEN PROFINET PSWITCH REGIST REG_POS STEPLINE TIMER"
 )

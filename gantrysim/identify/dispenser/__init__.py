@@ -1,0 +1,1 @@
+"""A dispenser and its glue from measurements: masses, beads, dots and records of switching."""

@@ -1,0 +1,1 @@
+"""The workbench in the browser: a job is edited, simulated and judged while one watches."""

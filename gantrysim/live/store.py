@@ -1,0 +1,107 @@
+"""Files of the workbench: the jobs of an opened folder, those dropped into the page, and those that are saved."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.files import replaced_file
+from gantrysim.base.toml_files import read_text
+from gantrysim.job.loading import builtin_jobs
+from gantrysim.job.programs import suffixes
+
+LONGEST_UPLOAD = 1 << 25  # [bytes]
+_MOST_UPLOADS = 50  # kept; the oldest goes
+_MOST_LISTED = 500  # files of a folder
+_JOB = ".toml"
+_NAME = re.compile(r"[^\w .+-]")
+_LONGEST_NAME = 100  # characters
+
+
+class Saved(NamedTuple):
+    """A job file that was written, and what stood in it before; None where there was none."""
+
+    file: Path
+    before: str | None
+
+
+class Store:
+    """The files.
+
+    Args:
+        folder: that is opened: its jobs are listed, and jobs are saved in it.
+        scratch: temporary folder for what is dropped into the page.
+    """
+
+    def __init__(self, folder: Path, scratch: Path) -> None:
+        self.folder = folder
+        self._scratch = scratch
+        self._uploads: list[Path] = []
+
+    def names(self) -> dict[str, list[str]]:
+        """Return the names of the jobs that can be opened: files of the folder, dropped ones, and built-in ones."""
+        known = {_JOB, *suffixes()}
+        files = sorted(file.name for file in self.folder.iterdir() if file.suffix.lower() in known and file.is_file())
+        return {
+            "folder": files[:_MOST_LISTED],
+            "dropped": [file.name for file in self._uploads],
+            "built-in": builtin_jobs(),
+        }
+
+    def path(self, kind: str, name: str) -> str:
+        """Return the path of a job by a name that `names` lists.
+
+        Raises:
+            InputError: another name.
+        """
+        listed = self.names().get(kind, [])
+        if name not in listed:
+            raise unknown("job", name, listed)
+        if kind == "dropped":
+            return str(next(file for file in self._uploads if file.name == name))
+        return name if kind == "built-in" else str(self.folder / name)
+
+    def take(self, name: str, content: bytes) -> str:
+        """Keep a file that was dropped into the page, in a folder of its own, and return its path.
+
+        Args:
+            name: of the file as the browser gives it.
+            content: of the file.
+
+        Raises:
+            InputError: a file that is too long.
+        """
+        if len(content) > LONGEST_UPLOAD:
+            raise InputError(f"{name[:_LONGEST_NAME]}: is longer than {LONGEST_UPLOAD:,} bytes")
+        plain = _NAME.sub("_", name.replace("\\", "/").rpartition("/")[2])[-_LONGEST_NAME:].strip(". ") or "program.txt"
+        file = self._scratch / plain
+        file.write_bytes(content)
+        self._uploads = [*(other for other in self._uploads if other != file), file]
+        while len(self._uploads) > _MOST_UPLOADS:
+            self._uploads.pop(0).unlink(missing_ok=True)
+        return str(file)
+
+    def save(self, name: str, text: str) -> Saved:
+        """Write a job file into the folder.
+
+        Raises:
+            InputError: a name that is no file name of a job, or a file that cannot be written.
+        """
+        stem = name.removesuffix(_JOB)
+        if not stem or _NAME.search(stem) or stem.startswith(".") or len(stem) > _LONGEST_NAME:
+            raise InputError(f"file name {name[:_LONGEST_NAME]!r}: must be letters, digits, spaces and any of _ . + -")
+        file = self.folder / f"{stem}{_JOB}"
+        before = read_text(file) if file.is_file() else None
+        with replaced_file(file) as partial:
+            partial.write_text(text, encoding="utf-8")
+        return Saved(file, before)
+
+    def restore(self, saved: Saved) -> None:
+        """Put back what stood in a file before it was saved."""
+        if saved.before is None:
+            saved.file.unlink(missing_ok=True)
+            return
+        with replaced_file(saved.file) as partial:
+            partial.write_text(saved.before, encoding="utf-8")

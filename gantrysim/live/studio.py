@@ -1,0 +1,247 @@
+"""What the worker computes: the run of a draft, first quickly and then by MuJoCo, what to change in it, its report."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gantrysim.base.errors import GantryError
+from gantrysim.compare.runs.compared_run import ComparedRun
+from gantrysim.compare.runs.compared_runs import ComparedRuns
+from gantrysim.compare.runs.overlay_data import OverlayData
+from gantrysim.engine.linear import Engine
+from gantrysim.glue.bead import Bead
+from gantrysim.job.job import Job
+from gantrysim.live.controls import controls_of
+from gantrysim.live.draft import Draft, Refusal, Request
+from gantrysim.live.packing import NOTHING, Parts
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
+from gantrysim.remedy.improve import improve
+from gantrysim.remedy.improvement import Improvement, names_of, values_to_set
+from gantrysim.report.encoding import MOST_ROWS
+from gantrysim.report.headline import headline
+from gantrysim.report.viewer_data import ViewerData
+from gantrysim.report.writing import write_report
+from gantrysim.results.row import Row
+from gantrysim.results.run_results import RunResults
+from gantrysim.results.verdict import Verdict, stability_row
+
+QUICK: Engine = "loop"
+WHOLE: Engine = "mujoco"
+QUICK_ROWS = 4_000  # of a quick answer
+REST = 0.15  # without a newer request, after which the whole answer is computed [s]
+
+Send = Callable[[str, dict[str, Any]], None]
+
+
+class StaleError(Exception):
+    """A newer request has come."""
+
+
+class Studio:
+    """Computes answers to requests, one after the other.
+
+    Args:
+        scratch: folder for files of its own.
+        allow_code: path of the file whose code may run; empty for none.
+    """
+
+    def __init__(self, scratch: Path, allow_code: str = "") -> None:
+        self.newest = 0  # number of the newest request, set from another thread
+        self.arrived = threading.Event()
+        self._scratch = scratch
+        self._allow_code = allow_code
+        self._opened: tuple[tuple[Any, ...], Job] | None = None
+        self._latest: Job | None = None
+        self._kept: tuple[Draft, RunResults] | None = None
+
+    def answer(self, request: Request, send: Send) -> None:
+        """Compute the answer to a request, and send it in parts.
+
+        Raises:
+            StaleError: a newer request has come.
+        """
+        assert request.draft is not None
+
+        def go_on(*_: Any) -> None:
+            if self.newest != request.number:
+                raise StaleError
+
+        try:
+            go_on()
+            if request.task == "improve":
+                self._improve(request.draft, send, go_on)
+            elif request.task == "report":
+                self._report(request.draft, Path(request.folder), send, go_on)
+            else:
+                self._show(request, send, go_on)
+        except GantryError as error:
+            go_on()
+            send("refused", {**Refusal.of(error)._asdict(), "task": request.task})
+
+    def _open(self, draft: Draft) -> Job:
+        key = (draft.path, draft.text, draft.version)
+        if self._opened is None or self._opened[0] != key:
+            job = draft.opened(self._scratch, allow_code=draft.path == self._allow_code)
+            self._opened = (key, job)
+            self._latest = None
+        return self._opened[1]
+
+    def _job(self, draft: Draft) -> Job:
+        opened = self._open(draft)
+        job = draft.job(opened)
+        shared = job.sharing(opened if self._latest is None else self._latest)
+        self._latest = shared
+        return shared
+
+    def _show(self, request: Request, send: Send, go_on: Callable[..., None]) -> None:
+        draft = request.draft
+        assert draft is not None
+        opened = self._open(draft)
+        send("text", _texts(draft, opened))
+        job = self._job(draft)
+        controls = controls_of(job, opened, draft.override)
+        send("controls", {"controls": [control._asdict() for control in controls]})
+        job.check_fit()
+        go_on()
+        send("margins", {"row": _row(stability_row(job, job.margins, job.limits(_face(job))))})
+        self._run(request, job, QUICK, send, go_on)
+        self.arrived.clear()
+        if self.newest == request.number and not self.arrived.wait(REST):
+            self._run(request, job, job.simulation.engine or WHOLE, send, go_on)
+
+    def _run(self, request: Request, job: Job, engine: Engine, send: Send, go_on: Callable[..., None]) -> None:
+        def progress(share: float) -> None:
+            go_on()
+            send("progress", {"share": share, "task": "simulate"})
+
+        run = job.run(progress, engine=engine)
+        most = QUICK_ROWS if engine == QUICK else MOST_ROWS
+        head: dict[str, Any] = {"engine": engine, "name": job.name, "time": float(run.time[-1])}
+        if run.fault is not None and not run.dispense.any():
+            send("result", {"head": head | _verdict(Verdict.of_fault(run)), "parts": NOTHING, "toml": job.toml()})
+            return
+        results = _results(job, run)
+        go_on()
+        head |= _verdict(results.verdict) | {"sentence": headline(results)}
+        if request.kept is None:
+            content = ViewerData(results, most).content()
+        else:
+            kept = self._kept_results(request.kept, go_on)
+            runs = ComparedRuns((ComparedRun.of(kept, "kept"), ComparedRun.of(results, "now")))
+            content = OverlayData(runs, most).content()
+            head["kept"] = _verdict(kept.verdict)
+        go_on()
+        send("result", {"head": head, "parts": Parts.of(content), "toml": job.toml()})
+
+    def _kept_results(self, draft: Draft, go_on: Callable[..., None]) -> RunResults:
+        if self._kept is None or self._kept[0] != draft:
+            opened = draft.opened(self._scratch, allow_code=draft.path == self._allow_code)
+            job = draft.job(opened)
+            self._kept = (draft, _results(job, job.run(go_on, engine=QUICK)))
+        return self._kept[1]
+
+    def _improve(self, draft: Draft, send: Send, go_on: Callable[..., None]) -> None:
+        job = self._job(draft)
+        job.check_fit()
+
+        def progress(done: int, known: int, name: str) -> None:
+            go_on()
+            send("progress", {"share": done / max(known, 1), "task": f"improve: {name}, {done} of {known}"})
+
+        improvement = improve(job, fastest=False, by_place=False, progress=progress)
+        go_on()
+        send("proposals", self._proposals(draft, improvement))
+
+    def _proposals(self, draft: Draft, improvement: Improvement) -> dict[str, Any]:
+        """Return the sentence on what to change, and each proposal with the values that it sets."""
+        opened = self._open(draft)
+        text_key = f"program.{opened.controller.text_argument}"
+
+        def proposal(label: str, cells: Sequence[str], values: Mapping[str, Any], *, is_whole: bool) -> dict[str, Any]:
+            others = {key: value for key, value in values.items() if key != text_key}
+            return {
+                "label": label,
+                "usages": list(cells[2:-2]),
+                "cost": cells[-1],
+                "values": others,
+                "program": values.get(text_key),
+                "is_whole": is_whole,
+            }
+
+        proposals = []
+        whole = self._whole_values(draft, opened, improvement)
+        if whole is not None:
+            cells = improvement.combined_rows[-1]
+            proposals.append(
+                proposal(names_of(improvement.combination), (*cells[:-1], "together"), whole, is_whole=True)
+            )
+        for trial, cells in zip(improvement.trials, improvement.trial_rows, strict=True):
+            if not trial.failure:
+                label = " ".join(filter(None, cells[:2]))
+                proposals.append(proposal(label, cells, trial.changes, is_whole=False))
+        return {
+            "sentence": improvement.sentence,
+            "heads": [row.name for row in improvement.verdict.rows] if not improvement.verdict.unjudged else [],
+            "proposals": proposals,
+        }
+
+    def _whole_values(self, draft: Draft, opened: Job, improvement: Improvement) -> dict[str, Any] | None:
+        """Return the values of the best combination, at the program's own speed; None where nothing is changed."""
+        if not improvement.combination:
+            return None
+        plain = draft._replace(override=100.0, program=None)
+        base = dict(draft.values)
+
+        def loaded(changes: Mapping[str, Any]) -> Job:
+            return plain._replace(values=base | dict(changes)).job(opened)
+
+        return values_to_set(improvement.job, loaded)
+
+    def _report(self, draft: Draft, folder: Path, send: Send, go_on: Callable[..., None]) -> None:
+        job = self._job(draft)
+        job.check_fit()
+
+        def progress(share: float) -> None:
+            go_on()
+            send("progress", {"share": share, "task": "report"})
+
+        run = job.run(progress)
+        page = write_report(job, run, folder / job.name, causes=True, progress=progress)
+        send("written", {"folder": str(folder / job.name), "page": "" if page is None else str(page)})
+
+
+def _results(job: Job, run: Any) -> RunResults:
+    analysis = Analysis(run)
+    return RunResults(job, job.built_machine, Budget(analysis), Bead(run, job.bead, analysis))
+
+
+def _face(job: Job) -> float:
+    """Return the outer diameter of the needle's face [mm]."""
+    needle = job.dispenser.needle
+    machine = job.built_machine.needle
+    return needle.face if needle is not None else machine[0] if machine is not None else 0.0
+
+
+def _row(row: Row) -> dict[str, Any]:
+    return {"name": row.name, "state": row.state, "symbol": row.symbol, "texts": list(row.texts)}
+
+
+def _verdict(verdict: Verdict) -> dict[str, Any]:
+    return {"state": verdict.state, "headline": verdict.headline, "rows": [_row(row) for row in verdict.rows]}
+
+
+def _texts(draft: Draft, opened: Job) -> dict[str, Any]:
+    """Return the texts that may be edited: of the program, where it has one, and of the job file."""
+    text = opened.program.get(opened.controller.text_argument, "")
+    program = draft.program if draft.program is not None else text if isinstance(text, str) and text else None
+    return {
+        "name": opened.name,
+        "file": draft.name,
+        "controller": opened.program["controller"],
+        "program": program,
+        "job": draft.file_text(),
+    }

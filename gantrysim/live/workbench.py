@@ -1,0 +1,235 @@
+"""The state of the workbench, one for all its tabs: the draft with its history, the latest answer, the proposals."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from gantrysim.base.errors import InputError, unknown
+from gantrysim.job.loading import builtin_jobs
+from gantrysim.live.controls import OVERRIDE, Control, checked_values
+from gantrysim.live.draft import Draft, Request, Task
+from gantrysim.live.packing import NOTHING, Parts
+from gantrysim.live.store import Saved, Store
+from gantrysim.live.worker import Message
+
+_MOST_STEPS = 200  # of the history
+_LONGEST_TEXT = 1 << 24  # of a program or job that is edited [characters]
+_OUTPUT = "out"  # folder of reports, as of the command
+_SHOWN = ("text", "controls", "margins", "proposals", "written", "refused")  # kinds of messages that a new tab needs
+
+Tell = Callable[[str, dict[str, Any]], None]
+
+
+class Workbench:
+    """The state, changed by what a page asks for and by the worker's messages.
+
+    Args:
+        store: of files.
+        path: of the job that is opened first.
+        ask: sends a request to the worker.
+        tell: sends a message to all tabs.
+
+    Attributes:
+        head: of the latest result.
+        parts: of the viewer's content of the latest result.
+        is_stale: whether what is shown is of a former draft.
+    """
+
+    def __init__(self, store: Store, path: str, ask: Callable[[Request], None], tell: Tell) -> None:
+        self.head: dict[str, Any] = {}
+        self.parts: Parts = NOTHING
+        self.is_stale = True
+        self._store = store
+        self._ask = ask
+        self._tell = tell
+        self._draft = self._fresh(path)
+        self._history: list[Draft] = []
+        self._undone: list[Draft] = []
+        self._is_dragging = False
+        self._kept: Draft | None = None
+        self._saved: Saved | None = None
+        self._toml = ""  # of the latest result's job
+        self._number = 0
+        self._task: Task | None = None
+        self._messages: dict[str, dict[str, Any]] = {}
+
+    @property
+    def draft(self) -> Draft:
+        """The job as it is being edited."""
+        return self._draft
+
+    def state(self) -> dict[str, Any]:
+        """Return what a page shows beside the worker's messages."""
+        return {
+            "jobs": self._store.names(),
+            "folder": str(self._store.folder),
+            "path": self._draft.path,
+            "changed": self._draft != self._fresh(self._draft.path),
+            "can_undo": bool(self._history),
+            "can_redo": bool(self._undone),
+            "kept": self._kept is not None,
+            "saved": "" if self._saved is None else self._saved.file.name,
+            "busy": self._task or "",
+            "number": self._number,
+        }
+
+    def messages(self) -> list[tuple[str, dict[str, Any]]]:
+        """Return the messages that a new tab needs."""
+        return [("state", self.state()), *((kind, self._messages[kind]) for kind in _SHOWN if kind in self._messages)]
+
+    def open(self, path: str) -> None:
+        """Open a job or program file, or a built-in job."""
+        self._messages.pop("proposals", None)
+        self._kept = None
+        self._change(self._fresh(path))
+
+    def reload(self) -> None:
+        """Take over what stands in the file now, with the page's controls; edits of its text can be undone to."""
+        self._change(self._draft._replace(text=None, program=None, version=version_of(self._draft.path)))
+
+    def do(self, order: Mapping[str, Any]) -> None:
+        """Do what a page asks for.
+
+        Args:
+            order: with the name of what to do under "do", and its values.
+
+        Raises:
+            InputError: an order that cannot be done.
+        """
+        orders: dict[str, Callable[[Mapping[str, Any]], None]] = {
+            "open": lambda order: self.open(self._store.path(_text(order, "kind"), _text(order, "name"))),
+            "set": self._set,
+            "program": lambda order: self._change(self._draft._replace(program=_text(order, "text"))),
+            "job": lambda order: self._change(self._draft._replace(text=_text(order, "text"), program=None, values={})),
+            "undo": lambda _: self._step(self._history, self._undone),
+            "redo": lambda _: self._step(self._undone, self._history),
+            "reset": lambda _: self._change(self._fresh(self._draft.path)),
+            "keep": self._keep,
+            "improve": lambda _: self._start("improve"),
+            "report": lambda _: self._start("report"),
+            "stop": lambda _: self._start("stop"),
+            "try": self._try,
+            "save": self._save,
+            "unsave": lambda _: self._unsave(),
+        }
+        name = order.get("do")
+        if not isinstance(name, str) or name not in orders:
+            raise unknown("order", str(name), orders)
+        orders[name](order)
+
+    def receive(self, message: Message) -> None:
+        """Take a message of the worker; those of older requests are dropped."""
+        if message.number not in (0, self._number):
+            return
+        if message.kind == "result":
+            self.head = {**message.content["head"], "number": message.number}
+            self.parts = message.content["parts"]
+            self._toml = message.content["toml"]
+            self.is_stale = False
+            self._messages.pop("refused", None)
+            self._tell("result", {})
+            return
+        if message.kind == "done":
+            self._task = None
+            self._tell("state", self.state())
+            return
+        if message.kind == "text" and self._messages.get("text") == message.content:
+            return
+        if message.kind in _SHOWN:
+            self._messages[message.kind] = message.content
+        self._tell(message.kind, message.content)
+
+    def _fresh(self, path: str) -> Draft:
+        return Draft(path, version=0 if path in builtin_jobs() else version_of(path))
+
+    def _change(self, draft: Draft, *, is_step: bool = True) -> None:
+        if draft == self._draft and self._task == "show":
+            return
+        if is_step and draft != self._draft:
+            self._history = [*self._history[-_MOST_STEPS:], self._draft]
+            self._undone = []
+        self._draft = draft
+        self._start("show")
+
+    def _start(self, task: Task) -> None:
+        self._number += 1
+        self._task = None if task == "stop" else task
+        if task == "show":
+            self.is_stale = True
+        for kind in ("refused", "written"):
+            self._messages.pop(kind, None)
+        self._ask(Request(self._number, task, self._draft, self._kept, str(self._store.folder / _OUTPUT)))
+        self._tell("state", self.state())
+
+    def start(self) -> None:
+        """Simulate the first job."""
+        self._start("show")
+
+    def _set(self, order: Mapping[str, Any]) -> None:
+        values = order.get("values")
+        if not isinstance(values, dict):
+            raise InputError("values: must be a table")
+        checked = checked_values(values, self._controls())
+        override = checked.pop(OVERRIDE, self._draft.override)
+        remaining = {key: value for key, value in (self._draft.values | checked).items() if value is not None}
+        # a drag of a slider is one step
+        is_step = not self._is_dragging
+        self._is_dragging = bool(order.get("dragging"))
+        draft = self._draft._replace(values=remaining, override=100.0 if override is None else override)
+        self._change(draft, is_step=is_step)
+
+    def _controls(self) -> list[Control]:
+        return [Control(**control) for control in self._messages.get("controls", {}).get("controls", ())]
+
+    def _step(self, source: list[Draft], target: list[Draft]) -> None:
+        if not source:
+            raise InputError("nothing to undo" if source is self._history else "nothing to redo")
+        target.append(self._draft)
+        self._draft = source.pop()
+        self._start("show")
+
+    def _keep(self, order: Mapping[str, Any]) -> None:
+        self._kept = self._draft if order.get("on") else None
+        self._start("show")
+
+    def _try(self, order: Mapping[str, Any]) -> None:
+        proposals = self._messages.get("proposals", {}).get("proposals", [])
+        number = order.get("number")
+        if not isinstance(number, int) or not 0 <= number < len(proposals):
+            raise InputError(f"proposal {number}: there are {len(proposals)}")
+        proposal = proposals[number]
+        draft = self._draft._replace(values=self._draft.values | proposal["values"])
+        if proposal["program"] is not None:
+            draft = draft._replace(program=proposal["program"])
+        self._change(draft._replace(override=100.0) if proposal["is_whole"] else draft)
+
+    def _save(self, order: Mapping[str, Any]) -> None:
+        if self.is_stale or not self._toml:
+            raise InputError("save: the job is not simulated yet, or is refused")
+        self._saved = self._store.save(_text(order, "name"), self._toml)
+        self._tell("state", self.state())
+
+    def _unsave(self) -> None:
+        if self._saved is None:
+            raise InputError("nothing was saved")
+        self._store.restore(self._saved)
+        self._saved = None
+        self._tell("state", self.state())
+
+
+def version_of(path: str) -> int:
+    """Return a number that changes with a file, 0 where it cannot be read."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return 0
+    return status.st_mtime_ns + status.st_size
+
+
+def _text(order: Mapping[str, Any], name: str) -> str:
+    value = order.get(name)
+    if not isinstance(value, str) or len(value) > _LONGEST_TEXT:
+        raise InputError(f"{name}: must be a text of at most {_LONGEST_TEXT:,} characters")
+    return value

@@ -1,0 +1,131 @@
+"""The answer of a run, as the page's first screen and the card give it: good enough, what spoils it, what to change."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from gantrysim.report.headline import cause_sentences, glue_sentences
+from gantrysim.results.checks import PASS
+from gantrysim.results.row import Row
+from gantrysim.results.run_results import RunResults
+from gantrysim.results.verdict import GLUE, PATH
+
+if TYPE_CHECKING:
+    from gantrysim.report.document import Section
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """What to change in a job, and what is gained by it.
+
+    Attributes:
+        change: what to change, in words.
+        outcome: the verdict on the changed job, its time and its cost, in words.
+        lines: to paste into the job's file, or a command line; empty where nothing is to be changed.
+        options: for the command line, after those with which the job was loaded; none where they cannot express it.
+        sentence: whether the verdict is then a pass, and what remains otherwise.
+        values: worst values, with the changes, of the rows that do not pass without them.
+    """
+
+    change: str
+    outcome: str = ""
+    lines: str = ""
+    options: tuple[str, ...] = ()
+    sentence: str = ""
+    values: str = ""
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What a search for changes in a job has found.
+
+    Attributes:
+        remedy: in short, for the first screen.
+        section: in full.
+    """
+
+    remedy: Remedy
+    section: Section
+
+
+@dataclass(frozen=True)
+class AnswerRow:
+    """A row of the verdict in a line.
+
+    Attributes:
+        state: "pass", "warn", "fail" or "not judged".
+        symbol: the state as a shape.
+        name: of the row.
+        text: its worst value and limit, or its remark.
+        place: where that is, in words; empty where it is unknown.
+    """
+
+    state: str
+    symbol: str
+    name: str
+    text: str
+    place: str = ""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Whether a run is good enough, what spoils it, and what to change.
+
+    Attributes:
+        state: of the verdict.
+        headline: the verdict in a line.
+        rows: path, glue, stability and machine.
+        spoilt: what spoils the run, in sentences; empty for a run that passes.
+        remedy: what to change; None where it has not been looked for.
+    """
+
+    state: str
+    headline: str
+    rows: tuple[AnswerRow, ...]
+    spoilt: str = ""
+    remedy: Remedy | None = None
+
+    @classmethod
+    def of(cls, results: RunResults, remedy: Remedy | None = None) -> Answer:
+        """Return the answer of a run, with what a search for changes has found."""
+        verdict = results.verdict
+        rows = () if verdict.unjudged else tuple(map(_row, verdict.rows))
+        if remedy is None and verdict.state == PASS:
+            remedy = Remedy("Nothing: every value keeps its limit.")
+        return cls(verdict.state, verdict.headline, rows, _spoilt(results), remedy)
+
+
+def _row(row: Row) -> AnswerRow:
+    worst = row.worst_check or next(iter(row.checks), None)
+    if worst is None or row.fails_without_check:
+        return AnswerRow(row.state, row.symbol, row.name, row.remark)
+    return AnswerRow(row.state, row.symbol, row.name, worst.brief, worst.place.brief)
+
+
+def _spoilt(results: RunResults) -> str:
+    """Return what spoils a run, in sentences."""
+    row = results.verdict.worst_row
+    if results.verdict.unjudged or row is None:
+        return ""
+    if row.name == PATH and results.causes is not None:
+        return " ".join(cause_sentences(results.causes))
+    if row.name == GLUE and (sentences := list(glue_sentences(row, results.glue_causes))):
+        return " ".join(sentences)
+    check = row.worst_check
+    if check is None:
+        return f"{row.remark[0].upper()}{row.remark[1:]}."
+    where = f": {check.place}" if str(check.place) else ""
+    return f"{check.brief[0].upper()}{check.brief[1:]}{where}."
+
+
+def written_on() -> str:
+    """Return date and time of day in the local zone, as pages and cards show them.
+
+    That of SOURCE_DATE_EPOCH, in UTC, where the variable is set: the same content then gives the same bytes.
+    """
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    moment = time.gmtime(int(epoch)) if epoch.isdigit() else time.localtime()
+    return time.strftime("%Y-%m-%d %H:%M", moment)

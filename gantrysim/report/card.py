@@ -1,0 +1,145 @@
+"""card.png of a run, for a forum or a ticket: the bead, the verdict's rows, what spoils it, and what to change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gantrysim.base.files import replaced_file
+from gantrysim.report.answer import Answer, written_on
+from gantrysim.report.plots.laid import draw_laid
+from gantrysim.report.plots.style import INK, common_style, sheet
+from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN
+from gantrysim.results.run_results import RunResults
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WIDTH = 1200  # [pixels]
+HEIGHT = 630
+_DPI = 100
+_PICTURE = 0.5  # of the width, for the bead
+_EDGE = 36  # [pixels]
+_SOFT = "#5b6470"
+_PAPER = "#ffffff"
+# of a verdict's state: the shape's marker and its colour; shape and word stay without colour
+STATES = {PASS: ("o", "#1a7f4b"), WARN: ("^", "#a65f00"), FAIL: ("s", "#b3122d"), UNJUDGED: ("D", "#6b7280")}
+
+
+def save_card(file: Path, results: RunResults, answer: Answer) -> None:
+    """Write the card of a run, 1200 by 630 pixels, as a PNG file."""
+    with sheet(WIDTH / _DPI, HEIGHT / _DPI) as figure:
+        figure.set_layout_engine("none")
+        draw_card(figure, results, answer)
+    with replaced_file(file) as new, common_style():
+        figure.savefig(new, format="png", dpi=_DPI, facecolor=_PAPER)
+
+
+def draw_card(figure: Figure, results: RunResults, answer: Answer) -> None:
+    """Draw the card on a figure of its size."""
+    _, colour = STATES[answer.state]
+    picture = figure.add_axes((0.02, 0.12, _PICTURE - 0.04, 0.84))
+    draw_laid(picture, results, text_size=10)
+    text = _Column(figure, WIDTH * _PICTURE + 10, WIDTH - _EDGE)
+    text.add(f"{results.job.name} on {results.machine.name}", 12, _SOFT, after=20)
+    text.shape(answer.state, 30)
+    text.add(answer.headline[2:], 24, colour, weight="bold", lines=2, indent=46, after=14)
+    for row in answer.rows:
+        text.shape(row.state, 13)
+        text.add(f"{row.name}: {row.text}", 12, INK, lines=2, indent=26, after=5)
+    for title, content, lines in _parts(answer):
+        text.space(9)
+        text.add(title, 10.5, _SOFT, after=2)
+        text.add(content, 13, INK, lines=lines)
+    place = ((WIDTH - _EDGE) / WIDTH, 20 / HEIGHT)
+    figure.text(*place, f"gantrysim  ·  {written_on()}", fontsize=10, color=_SOFT, ha="right", va="bottom")
+    figure.add_artist(_bar(colour))
+
+
+def _parts(answer: Answer) -> list[tuple[str, str, int]]:
+    parts = [("Spoilt by", answer.spoilt, 3)]
+    if answer.remedy is not None:
+        parts += [("Change", answer.remedy.change, 3), ("Then", answer.remedy.outcome, 2)]
+    return [part for part in parts if part[1]]
+
+
+def _bar(colour: str):
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((0, 1 - 8 / HEIGHT), 1, 8 / HEIGHT, color=colour, lw=0)
+
+
+class _Column:
+    """Lines of text from top to bottom, wrapped at their measured width.
+
+    Args:
+        figure: to draw on.
+        left: of the text [pixels].
+        right: its end.
+    """
+
+    def __init__(self, figure: Figure, left: float, right: float) -> None:
+        self._figure = figure
+        self._left = left
+        self._right = right
+        self._y = HEIGHT - 56.0
+
+    def space(self, height: float) -> None:
+        self._y -= height
+
+    def shape(self, state: str, size: float) -> None:
+        """Draw the shape of a state before the line that follows."""
+        marker, colour = STATES[state]
+        x = (self._left + 0.5 * size) / WIDTH
+        y = (self._y + 0.32 * size) / HEIGHT
+        from matplotlib.lines import Line2D
+
+        points = 72 / _DPI * size
+        self._figure.add_artist(Line2D([x], [y], marker=marker, ms=points, color=colour, ls="none", mew=0))
+        symbol = {PASS: "✓", WARN: "!", FAIL: "✗", UNJUDGED: "–"}[state]
+        self._figure.text(
+            x, y, symbol, color="white", fontsize=0.62 * points, ha="center", va="center_baseline", weight="bold"
+        )
+
+    def add(
+        self,
+        text: str,
+        size: float,
+        colour: str,
+        weight: str = "normal",
+        lines: int = 1,
+        indent: float = 0,
+        after: float = 4,
+    ) -> None:
+        """Draw a text on so many lines at most, the last one cut where it is longer."""
+        height = 1.3 * size * _DPI / 72
+        for line in self._wrapped(text, size, weight, lines, self._right - self._left - indent):
+            self._figure.text(
+                (self._left + indent) / WIDTH, self._y / HEIGHT, line, fontsize=size, color=colour, weight=weight
+            )
+            self._y -= height
+        self._y -= after
+
+    def _wrapped(self, text: str, size: float, weight: str, lines: int, width: float) -> list[str]:
+        found: list[str] = []
+        line = ""
+        for word in text.split():
+            longer = f"{line} {word}".strip()
+            if line and self._wide(longer, size, weight) > width:
+                found.append(line)
+                longer = word
+            line = longer
+        found.append(line)
+        if len(found) <= lines:
+            return found
+        last = f"{found[lines - 1]} …"
+        while self._wide(last, size, weight) > width:
+            last = f"{last[:-2].rpartition(' ')[0]} …"
+        return [*found[: lines - 1], last]
+
+    def _wide(self, text: str, size: float, weight: str) -> float:
+        """Return the width of a line [pixels]."""
+        made = self._figure.text(0, 0, text, fontsize=size, weight=weight)
+        wide = float(made.get_window_extent(self._figure.canvas.get_renderer()).width)
+        made.remove()
+        return wide

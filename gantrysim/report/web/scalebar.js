@@ -1,0 +1,41 @@
+// The bar of a colour scale with its ends and marks at the tolerance: share of the path's tolerance, or signed width.
+
+import { digits } from "./data.js";
+import { element } from "./dom.js";
+import { endOf, placeOn, theme } from "./theme.js";
+
+export class ScaleBar {
+  constructor(data, byWidth) {
+    this.data = data;
+    this.bar = element("span");
+    this.low = element("span");
+    this.high = element("span");
+    this.element = element("span", { class: "scale" }, this.low, this.bar, this.high);
+    this.show(byWidth);
+  }
+
+  show(byWidth) {
+    const { data, bar } = this;
+    const stops = byWidth ? theme().widths : theme().shares;
+    const limit = byWidth ? data.width_tolerance : data.path_tolerance;
+    const end = digits(endOf(stops) * limit);
+    this.low.textContent = byWidth ? `−${end} %` : "0";
+    this.high.textContent = byWidth ? `+${end} %` : `${end} µm`;
+    bar.className = `ramp ${byWidth ? "width" : "share"}`;
+    bar.replaceChildren();
+    for (const value of byWidth ? [-1, 1] : [1]) {
+      const mark = element("i", { title: `tolerance: ${digits(limit)} ${byWidth ? "%" : "µm"}` });
+      mark.style.left = `${100 * placeOn(stops, value)}%`;
+      bar.append(mark);
+    }
+  }
+}
+
+/** A function from a row to the place of its colour on its scale, 0 to 1, NaN where it is not known. */
+export function placeOf(data, byWidth) {
+  const { widths, shares } = theme();
+  const { width } = data.column;
+  const place = (stops, value) => (value === value ? placeOn(stops, value) : NaN);
+  if (!byWidth) return (row) => place(shares, data.size[row] / data.path_tolerance);
+  return (row) => place(widths, (100 * (width[row] / data.width - 1)) / data.width_tolerance);
+}
