@@ -32,7 +32,7 @@ def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeyp
     monkeypatch.setenv("COLUMNS", "200")
     status, printed, said = gantrysim_command("improve", file, *QUICK, "--apply", "better.toml", "--out", "compared")
     assert (status, said) == (0, "")
-    before, _, after = printed.partition("levers, each simulated alone")
+    before, _, after = printed.partition("What to change")
     assert "verdict ✗ fail: glue" in before
     assert "unchanged" in after
     assert "passes with flow by speed (area 2 mm², 20 ms compensated)." in after
