@@ -77,11 +77,10 @@ def remedy_of(improvement: Improvement) -> Remedy:
         return Remedy(_caption(improvement.sentence), sentence=improvement.sentence)
     after = improvement.improved
     costs = "; ".join(dict.fromkeys(trial.lever.cost for trial in improvement.combination if trial.lever.cost != FREE))
-    before = f"{improvement.before.duration:.2f}"
-    time = f"{improvement.after.duration:.2f} s" + (
-        f" instead of {before} s" if before != f"{improvement.after.duration:.2f}" else ", as before"
-    )
-    outcome = f"{after.headline}; {time}"
+    before, now = (f"{outcome.duration:.2f} s" for outcome in (improvement.before, improvement.after))
+    time = f"{now}, as before" if before == now else f"{now} instead of {before}"
+    remains = "" if after.worst_check is None else f", {after.worst_check.brief}"
+    outcome = f"{after.headline}{remains}; {time}"
     lines = improvement.lines
     return Remedy(
         _caption(f"{names_of(improvement.combination)}."),

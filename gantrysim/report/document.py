@@ -96,6 +96,7 @@ class Section:
         table: a table, or several.
         facts: values shown large: name, value with its unit, and a remark.
         video: MP4 file, read when the page is written; without it a section of nothing else is left out.
+        poster: returns a JPEG picture that stands in the film's place until it plays.
         code: preformatted text.
         viewer: content of the page's viewer as JSON, see `gantrysim.report.viewer_data`; one section of a page at most.
         in_space: whether the viewer has a 3-D view, whose script is twice as large as the rest.
@@ -110,6 +111,7 @@ class Section:
     table: Table | Sequence[Table] | None = None
     facts: Sequence[tuple[str, str, str]] = ()
     video: Path | None = None
+    poster: Callable[[], bytes] | None = None
     code: str | None = None
     viewer: str | None = None
     in_space: bool = False

@@ -11,7 +11,7 @@ from gantrysim.job.causes import Causes
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, LAG
-from gantrysim.results.glue import THROUGH_BEAD
+from gantrysim.results.glue import THROUGH_GLUE
 from gantrysim.results.glue_causes import GlueCauses
 from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
@@ -96,7 +96,7 @@ def glue_sentences(row: Row, causes: GlueCauses | None) -> Iterator[str]:
     """
     check = row.worst_check
     if check is not None and check.name == PLOUGHED.name:
-        yield f"{row.remark[row.remark.find(THROUGH_BEAD) :].capitalize()}."
+        yield f"{row.remark[row.remark.find(THROUGH_GLUE) :].capitalize()}."
     elif causes is not None:
         yield from glue_cause_sentences(causes)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -20,6 +21,7 @@ from gantrysim.report.document import Column, Section, Table, with_minus
 from gantrysim.report.headline import NO_ERROR, contour_sentence
 from gantrysim.report.plots.bead import draw_bead_along
 from gantrysim.report.plots.budget import draw_by_turn, draw_shares
+from gantrysim.report.plots.laid import bead_picture
 from gantrysim.report.plots.pictures import (
     HALF,
     PAGE_COLUMNS,
@@ -157,7 +159,13 @@ def path_section(results: RunResults, video: Path | None = None) -> Section:
         video: film of the run, included where it exists.
     """
     viewer = ViewerData(results)
-    return Section("Bead and path", video=video, viewer=viewer.text(), in_space=viewer.in_space)
+    return Section(
+        "Bead and path",
+        video=video,
+        poster=partial(bead_picture, results),
+        viewer=viewer.text(),
+        in_space=viewer.in_space,
+    )
 
 
 def spacing_section(analysis: Analysis) -> Section:
@@ -178,10 +186,7 @@ def bead_section(bead: Bead) -> Section:
         "Bead",
         remarks or None,
         facts=facts_of(bead_rows(values)),
-        figure=[
-            height_plot(bead),
-            drawn_plot(_coarse_bead, bead, PLOT_WIDTH, 5.4 if bead.analysis.spacing.distance.size else 3.0),
-        ],
+        figure=drawn_plot(_coarse_bead, bead, PLOT_WIDTH, 5.4 if bead.analysis.spacing.distance.size else 3.0),
         table=[_bead_sizes(values), _volumes(values)],
     )
 

@@ -27,7 +27,7 @@ from support.pages import Page
 
 CAUSE_NAMES = tuple(cause.name for cause in CAUSES)
 SMALL = ("diameter=40", "turns=2", "thickness=5")
-ALWAYS = ["verdict", "bead-and-path", "summary", "error-budget", "errors-over-time", "servo", "job", "versions"]
+ALWAYS = ["verdict", "bead-and-path", "error-budget", "errors-over-time", "servo", "job", "versions"]
 
 
 def reported(folder, job, run=None, video=None):
@@ -49,12 +49,12 @@ def spiral(tmp_path_factory):
 def test_the_report_of_a_spiral_has_all_sections(spiral):
     _, page, _ = spiral
     assert page.sections == [
-        *ALWAYS[:4],
+        *ALWAYS[:3],
         "spacing-of-neighbouring-turns",
         "bead",
-        *ALWAYS[4:],
+        *ALWAYS[3:],
     ]
-    assert len(page.all("figure")) == 9
+    assert len(page.all("figure")) == 8
     assert page.texts("h1") == ["an225 on xy"]
     assert not [one for one in page.all("p") if one.get("role")]
 
@@ -64,7 +64,7 @@ def test_its_numbers_are_those_of_the_summary(spiral):
     numbers = summary(RunResults(job, job.built_machine, Budget(bead.analysis), bead))
     errors = numbers["errors"]
     motion = numbers["motion"]
-    text = page.section("summary")
+    text = page.section("error-budget")
     for error in ("contour", "program"):
         rms, largest = (errors[f"{error}_{name}_um"] for name in ("rms", "max"))
         assert f"{error.capitalize()} error, rms {rms:.1f} µm max {largest:.1f} µm" in text
@@ -158,7 +158,7 @@ def test_the_headline_gives_the_portion_of_the_error(spiral, share, portion):
 def test_the_words_of_the_links_name_no_cause(spiral):
     """A link is where the error lies; its cause may be elsewhere, as count noise that shakes the structure."""
     _, page, bead = spiral
-    text = page.section("error-budget") + page.section("summary") + str(Budget(bead.analysis))
+    text = page.section("error-budget") + str(Budget(bead.analysis))
     assert "it does not say what caused it" in text
     rest = text.replace("it does not say what caused it", "")
     for word in ("cause", "friction", "compliance", "backlash", "quantisation", "from the controller"):
@@ -175,7 +175,7 @@ def test_the_causes_have_a_section_with_their_table_and_plot(tmp_path):
     write_run_page(file, RunResults(job, job.built_machine, Budget(bead.analysis), bead, causes))
     page = Page(file)
     page.check()
-    assert page.sections[:5] == ["verdict", "bead-and-path", "summary", "error-budget", "causes"]
+    assert page.sections[:4] == ["verdict", "bead-and-path", "error-budget", "causes"]
     text = page.section("causes")
     assert "locate the error on the chain; this section finds its causes" in text
     shown = page.rows()
@@ -313,7 +313,7 @@ def test_the_command_writes_the_report_with_its_video(gantrysim_command, tmp_pat
     (video,) = page.all("video")
     assert base64.b64decode(video["src"].partition(",")[2]) == (tmp_path / "video.mp4").read_bytes() == film
     contour = json.loads((tmp_path / "summary.json").read_text())["errors"]
-    assert f"{contour['contour_rms_um']:.1f} µm" in page.section("summary")
+    assert f"{contour['contour_rms_um']:.1f} µm" in page.section("error-budget")
     headline = json.loads((tmp_path / "summary.json").read_text())["headline"]
     assert page.texts("p")[2] == headline
     assert headline in " ".join(printed.split())
