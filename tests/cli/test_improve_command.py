@@ -49,7 +49,9 @@ def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeyp
     assert page.sections[:3] == ["summary", "what-to-change", "what-differs"]
     assert "--set dispenser.flow=0.0" in page.section("what-to-change")
     assert all(letters(line) in letters(after) for line in promised.lines)
-    status, ran, _ = gantrysim_command("run", "better.toml", "--no-video", "--no-report", "--no-causes", "--out", "out")
+    status, ran, _ = gantrysim_command(
+        "run", "better.toml", "--no-video", "--no-report", "--no-causes", "-v", "--out", "out"
+    )
     assert status == 0
     assert all(letters(line) in letters(ran) for line in promised.lines)
 

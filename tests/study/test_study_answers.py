@@ -116,7 +116,14 @@ def test_a_law_that_worsens_glue_which_fails_with_every_law_is_not_recommended(j
 
 def test_the_laws_are_reported_without_pd_where_it_has_no_run(job):
     names = {rung.name for rung in LADDER if rung.name != "pd"}
-    values = ("following_rms_um", "following_along_rms_um", "reversal_max_um", "contour_rms_um", "torque_ripple_Nm", "gain_margin")
+    values = (
+        "following_rms_um",
+        "following_along_rms_um",
+        "reversal_max_um",
+        "contour_rms_um",
+        "torque_ripple_Nm",
+        "gain_margin",
+    )
     numbers = dict.fromkeys((*values, "phase_margin_deg", "sensitivity"), 2.0)
     rows = [{"law": name, "variation": "nominal", **verdict(60.0), **numbers} for name in sorted(names)]
     report = LawsStudy(job).report([{"law": "pd", "variation": "nominal", **FAULT}, *rows])
@@ -264,7 +271,7 @@ def test_the_speed_is_judged_by_the_job_s_limits():
         for speed, use in ((50.0, 240.0), (100.0, 250.0), (200.0, 400.0))
     ]
     text = study.report(rows).answer
-    assert text.startswith("Keep the programmed speed: 100 mm/s, 1 times the programmed 100 mm/s, is the fastest speed")
+    assert text.startswith("Keep the programmed speed: 100 mm/s, 1 times the programmed 100 mm/s, is the fastest")
     assert "200 mm/s does not (glue: glue in words, worse than now)" in text
     assert report({50.0: 96.0, 100.0: 120.0}) == (
         f"No speed tried, from 50 to 100 mm/s, keeps {MOTION}: 50 mm/s comes nearest ({CONTOUR.format(96)}), so speed "
