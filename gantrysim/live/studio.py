@@ -126,7 +126,7 @@ class Studio:
             return
         results = _results(job, run)
         go_on()
-        head |= _verdict(results.verdict) | {"sentence": headline(results.budget)}
+        head |= _verdict(results.verdict) | {"sentence": headline(results)}
         if request.kept is None:
             content = ViewerData(results, most).content()
         else:

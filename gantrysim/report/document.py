@@ -124,6 +124,21 @@ class Section:
         """Whether there are figures, on a screen or in print."""
         return self.figure is not None or self.still is not None
 
+    def content(self) -> dict[str, Any]:
+        """Return what can be read of it for JSON: paragraphs, facts, tables and code."""
+        text = [self.text] if isinstance(self.text, str) else [*(self.text or ())]
+        tables = [self.table] if isinstance(self.table, Table) else [*(self.table or ())]
+        return {
+            "title": self.title,
+            "text": text,
+            "facts": [list(fact) for fact in self.facts],
+            "tables": [
+                {"caption": table.caption, "heads": table.heads, "rows": table.cells, "numeric": table.numeric}
+                for table in tables
+            ],
+            "code": self.code,
+        }
+
     @property
     def lacks_video(self) -> bool:
         """Whether the section is nothing but a video, and that does not exist."""

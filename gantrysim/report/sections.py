@@ -18,7 +18,7 @@ from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG, LAG, PR
 from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartValues
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table, with_minus
-from gantrysim.report.headline import NO_ERROR, headline
+from gantrysim.report.headline import NO_ERROR, contour_sentence
 from gantrysim.report.plots.bead import draw_bead_along
 from gantrysim.report.plots.budget import draw_by_turn, draw_shares
 from gantrysim.report.plots.laid import bead_picture
@@ -84,7 +84,7 @@ def budget_section(results: RunResults) -> Section:
     return Section(
         "Error budget",
         [
-            headline(budget, results.causes),
+            contour_sentence(budget, results.causes),
             "Errors are normal to the path. Contributions sum at every sample; a negative share offsets others. A link "
             "locates the error on the chain, as the difference of two traces; it does not say what caused it.",
             f"Lag of the nozzle along the path, not part of the contour error: {LAG.text(values.lag.rms)} rms, "

@@ -174,11 +174,16 @@ class Verdict(Shown):
         """The verdict as text: its headline, and for a complete run a line for each displayed value."""
         if self.unjudged:
             return (f"verdict {self.headline}",)
-        lines = [f"verdict {self.headline}"]
-        for row in self.rows:
-            head = f"{row.symbol} {row.state}"
-            lines += [f"{head if k == 0 else '':12} {row.name if k == 0 else '':9} {text}" for k, text in _texts(row)]
-        return tuple(lines)
+        return (f"verdict {self.headline}", *(f"{head:12} {name:9} {text}" for head, name, text in self.cells))
+
+    @property
+    def cells(self) -> list[tuple[str, str, str]]:
+        """The verdict as a table: state and name of a row beside its first text, then its other texts."""
+        return [
+            (f"{row.symbol} {row.state}", row.name, text) if k == 0 else ("", "", text)
+            for row in self.rows
+            for k, text in enumerate(row.texts or ("",))
+        ]
 
     def __getitem__(self, name: str) -> Row:
         return next(row for row in self.rows if row.name == name)
@@ -202,10 +207,6 @@ class Verdict(Shown):
             "disturbances": list(self.disturbances),
             **rows,
         }
-
-
-def _texts(row: Row) -> Iterator[tuple[int, str]]:
-    return enumerate(row.texts or ("",))
 
 
 def path_row(contour: PartValues, tolerance: Tolerance, line_at: Callable[[float], int | None]) -> Row:

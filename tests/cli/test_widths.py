@@ -7,9 +7,10 @@ import pytest
 
 from gantrysim import Job, causes_of
 from gantrysim.cli import terminal
-from gantrysim.cli.improve import show_changes
 from gantrysim.cli.info import KINDS, overview_table
+from gantrysim.cli.show import show_section
 from gantrysim.remedy.improve import improve
+from gantrysim.remedy.report import change_section
 
 WIDTHS = (120, 80, 40)
 WIDE = 1000
@@ -23,6 +24,7 @@ RUN = (
     "--no-video",
     "--no-report",
     "--no-improve",
+    "-v",
 )
 
 
@@ -90,7 +92,7 @@ def improvement():
 def test_the_levers_of_improve_lose_nothing(improvement, monkeypatch, capsys):
     def show(width):
         monkeypatch.setenv("COLUMNS", str(width))
-        show_changes(improvement)
+        show_section(change_section(improvement).content())
         return capsys.readouterr().out
 
     everything = show(WIDE)
@@ -100,7 +102,7 @@ def test_the_levers_of_improve_lose_nothing(improvement, monkeypatch, capsys):
         assert "…" not in text
         assert letters(text) == letters(everything)
         if width > min(WIDTHS):
-            prose = text.partition("for the job file:")[0]  # what follows is to be pasted
+            prose = text.partition("# job file")[0]  # what follows is to be pasted
             assert widest(prose) <= width
 
 

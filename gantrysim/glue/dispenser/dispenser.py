@@ -317,19 +317,17 @@ class Dispenser:
         """Return what a driven dispenser does; arguments as of `flows`."""
         drive = self.drive
         assert drive is not None
-        command = self._command(on, speed, period, material)
-        return driven_flow(drive, command, period, by_position=bool(self.per_e))
+        return driven_flow(drive, self._command(on, speed, period, material), period, by_position=bool(self.per_e))
 
     def loads(
         self, dispense: ArrayLike, speed: ArrayLike, period: float, material: Material = NOTHING
     ) -> tuple[Load, ...]:
         """Return what a program asks of the motor's limits; empty without; arguments as of `flows`."""
-        drive = self.drive
-        if drive is None or not self.flows_at_all:
+        if self.drive is None or not self.flows_at_all:
             return ()
         measure = self._measure(np.asarray(speed, float), material)
         result = self.driven(np.asarray(dispense, bool), measure, period, material)
-        return loads(drive, result, period, by_position=bool(self.per_e))
+        return loads(self.drive, result, period, by_position=bool(self.per_e))
 
     def _shots(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> Shots:
         """Return what a jet shoots; arguments as of `flows`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from gantrysim.base.arrays import Floats
@@ -20,7 +21,7 @@ _NOISE = 6.0  # standard deviations beyond which a change is none of the noise
 _STILL = 5  # readings before the first switching that show a drift
 _DRIFT = 0.02  # of the mass, over the record
 _FASTEST = 5e3  # mean speed in a needle [mm/s]: at some metres per second glue leaves as a jet
-_SLOWEST = 1e-2  # the same: some hundredths of a millimetre per second are hours for a dot
+_SLOWEST = 0.05  # the same: some hundredths of a millimetre per second are hours for a dot
 _HIGHEST_PRESSURE = 2e4  # [kPa]
 _DENSITIES = (0.5, 10.0)  # [g/cm³]: of light foams to solder paste and silver glue
 _LARGEST_BEAD = 100.0  # width over gap
@@ -109,7 +110,7 @@ def _check_saturated(experiment: Experiment, amount: Floats) -> None:
     at_top = np.flatnonzero(mass >= float(mass.max()))
     if at_top.size < _SAME or float(np.ptp(amount[at_top])) <= 0.1 * float(amount[at_top].min()):
         return
-    first, last = experiment.rows[at_top[[0, -1]]].tolist()
+    first, last = experiment.rows[at_top[[0, -1]]].astype(int).tolist()
     raise NotIdentifiedError(
         f"{experiment.label}: the mass stays at exactly {mass.max():.6g} mg in rows {first} to {last}, while more is "
         "dispensed: the scale is at its limit"
@@ -323,12 +324,12 @@ def _check_scale(measured: Measurements, experiment: Experiment) -> None:
         )
 
 
-def _active(measured: Measurements, experiment: Experiment) -> Floats:
+def _active(measured: Measurements, experiment: Experiment) -> NDArray[np.bool_]:
     """Return whether the dispenser is on, (n,)."""
     if measured.kind == "valve":
         command = experiment.columns["command"]
-        return command > 0.5 * float(command.max())
-    return experiment.columns[measured.driver] > 0
+        return np.asarray(command > 0.5 * float(command.max()))
+    return np.asarray(experiment.columns[measured.driver] > 0)
 
 
 def _slope(x: Floats, y: Floats) -> tuple[float, float]:

@@ -123,7 +123,7 @@ def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float
 
 def _colouring(results: RunResults, bead: Bead, nominal: float) -> tuple[Floats, ColourScale, tuple[str, str, str]]:
     """Return values at the stations in tolerances, their scale, and title and ends of the scale in words."""
-    tolerance = results.job.limits(results.budget.analysis.run.face)
+    tolerance = results.basis.limits(results.budget.analysis.run.face)
     if results.verdict.shown_row == PATH:
         budget = results.budget
         analysis = budget.analysis
