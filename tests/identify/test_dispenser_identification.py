@@ -1,6 +1,8 @@
 """A dispenser identified from measurements that are made up without gantrysim."""
 
+import re
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -275,3 +277,19 @@ def test_sound_data_pass(tmp_path):
     found = identified(tmp_path, record_text(sound_mass), density=1.1)
     assert found["flow"].value == pytest.approx(40 / 1.1, rel=0.01)
     assert identified(tmp_path, RIGHT, **GLUE)["needle.consistency"].identified
+
+
+def test_the_example_of_the_docs_is_identified(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "dispensers.md").read_text(encoding="utf-8")
+    text = re.search(r"```csv\n(.*?)```", page, re.DOTALL)[1]
+    found = identified(tmp_path, text, density=1.35, needle=(0.41, 12.7))
+    shown = " ".join(page.split())
+    for name, form in (("needle.consistency", ".0f"), ("needle.index", ".2f"), ("contact_angle", ".0f")):
+        value = found[name]
+        assert value.identified
+        numbers = [f"{number:{form}}" for number in (value.value, value.low, value.high)]
+        assert re.search(r"{}\D+{}\D+{}".format(*map(re.escape, numbers)), shown)
+    assert found["needle.yield_stress"].reason == "includes zero"
+    assert found["open_time_offset"].value == pytest.approx(0.006, abs=5e-4)
+    assert not found["dead_time"].identified
+    assert "a record of the flow" in found.advice.words[0]
