@@ -13,6 +13,8 @@ from hypothesis import HealthCheck, settings
 # Before NumPy and SciPy are loaded, here and in processes of the tests: their matrices are small, and threads that wait
 # for one another on busy cores take a hundred times as long as one alone.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# the date on pages and cards
+os.environ["SOURCE_DATE_EPOCH"] = "1700000000"
 # else the command's console would keep to that width, whatever a test sets
 os.environ.pop("COLUMNS", None)
 

@@ -24,8 +24,7 @@ Size = Annotated[
     str | None,
     typer.Option(
         metavar="WxH",
-        help="Width and height of the film, even numbers for MP4; by default 960x720, for two runs 1280x640, for "
-        "four 1280x960.",
+        help="Width and height of the film, even numbers for MP4; by default 1280x720, for four runs 1920x1080.",
     ),
 ]
 FilmSpeed = Annotated[
@@ -55,10 +54,6 @@ def render(
     fps: Annotated[float, typer.Option(help="Frames per second.")] = 25.0,
     speed: FilmSpeed = None,
     colour: Colour = None,
-    true_width: Annotated[
-        bool,
-        typer.Option("--true-width", help="Draw a thin bead at its true width, instead of widening it for visibility."),
-    ] = False,
     moment: Moment = None,
     label: Labels = None,
     gif: Annotated[bool, typer.Option("--gif", help="Write a GIF instead of an MP4.")] = False,
@@ -104,7 +99,7 @@ def render(
             Take(run.machine, run.run, name, run.job.bead, run.run.known_verdict)
             for run, name in zip(runs, names, strict=True)
         ]
-        with Film(takes, camera=camera, size=pixels, colour=colour, true_width=true_width) as film:
+        with Film(takes, camera=camera, size=pixels, colour=colour) as film:
             if target.suffix.lower() not in FILMS:
                 check()
                 film.save_picture(target, moment)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -14,7 +13,6 @@ import mujoco
 import numpy as np
 
 from gantrysim.base import memory
-from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.bead.trace import BeadTrace
@@ -22,9 +20,10 @@ from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.render.colours import chosen_colour, scale_for
 from gantrysim.render.encoding import Picture, film_rate, film_writer, save_picture
+from gantrysim.render.end_card import SECONDS, end_card
 from gantrysim.render.flight import Sight
 from gantrysim.render.fonts import PAPER, rgb
-from gantrysim.render.framing import FIELD_OF_VIEW, Framing
+from gantrysim.render.framing import Framing
 from gantrysim.render.header import Caption, Header, headers
 from gantrysim.render.opengl import Closing
 from gantrysim.render.panel import Panel, run_colours
@@ -32,68 +31,10 @@ from gantrysim.render.renderer import BEAD, Renderer, checked_size
 from gantrysim.render.telemetry import Telemetry
 from gantrysim.results.verdict import Verdict
 
-# How many times as wide as it is a thin bead is drawn, so that it is seen in a picture that holds all of it.
-
-# of the picture below the panel that the bead is to cover: a twelfth of the whole frame, with some of it hidden
-_SHARE = 0.12
-_MOST_WIDENING = 4.0  # a wider bead looks like a ribbon
-_STEPS = 10  # of the factor, per unit
-_MERGING = 0.2  # share of the bead that may reach a neighbouring turn
-_STATIONS = 800  # of the bead that are compared with each other
-_DRY = 0.2  # of the median width, below which there is hardly a bead
-
-
-def widening(framing: Framing, bead_trace: BeadTrace, width_over_height: float) -> float:
-    """Return the factor, at least 1, by which a bead is drawn wider: as little as it needs, in tenths.
-
-    It ends where a fifth of the bead would reach a neighbouring turn, as gaps are to stay gaps, and at 4.
-
-    Args:
-        framing: of the bead.
-        bead_trace: the bead.
-        width_over_height: of the picture.
-    """
-    share = picture_share(framing, bead_trace, width_over_height)
-    if share <= 0:
-        return 1.0
-    needed = math.ceil(_STEPS * _SHARE / share - 1e-9) / _STEPS
-    room = math.floor(_STEPS * min(clearance(bead_trace), _MOST_WIDENING)) / _STEPS
-    return max(min(needed, room), 1.0)
-
-
-def picture_share(framing: Framing, bead_trace: BeadTrace, width_over_height: float) -> float:
-    """Return the share of a picture that a bead covers, were it flat and nothing before it.
-
-    A level piece of the bead, of the area dA at q from the camera, covers dA |q_z| / (q.f)³ of the plane at unit
-    distance, where f is the camera's axis; the picture covers 4 tan²(a) times its width over its height, where a is
-    half of the field of view.
-    """
-    place = 1e-3 * bead_trace.point - framing.position(width_over_height)
-    depth = place @ framing.axes[0]
-    area = 1e-6 * bead_trace.width * bead_trace.ds
-    covered = float(np.sum(area * np.abs(place[:, 2]) / depth**3))
-    return covered / (4 * np.tan(np.radians(0.5 * FIELD_OF_VIEW)) ** 2 * width_over_height)
-
-
-def clearance(bead_trace: BeadTrace) -> float:
-    """Return the distance of neighbouring turns over the bead's width that four fifths of the bead exceed."""
-    width = bead_trace.width
-    wet = np.flatnonzero(width > _DRY * np.median(width[width > 0])) if width.any() else np.array([], np.intp)
-    if not wet.size:
-        return math.inf
-    station = wet[np.linspace(0, wet.size - 1, min(wet.size, _STATIONS)).astype(int)]
-    point = bead_trace.point[station]
-    along = np.abs(np.subtract.outer(bead_trace.place[station], bead_trace.place[station]))
-    distance: Floats = np.linalg.norm(point[:, None] - point[None], axis=2)
-    # the same turn: hardly a detour along the bead, as around a corner
-    distance[along <= 2 * (distance + width[station].max())] = np.inf
-    return float(np.quantile(distance.min(axis=1) / width[station], _MERGING, method="lower"))
-
-
 _LONGEST = 60.0  # of a film at the default speed [s]
 _MOST_FRAMES = 100_000
 _LEAST_HEIGHT = 40  # of the pictures [pixels]
-_SIZES = {1: (960, 720), 2: (1280, 640), 4: (1280, 960)}
+_SIZES = {1: (1280, 720), 2: (1280, 720), 4: (1920, 1080)}
 COUNTS = tuple(_SIZES)  # numbers of runs that a film can show
 _GAP = 4  # between pictures side by side [pixels]
 _WHOLE = 1.0  # of the film, that shows the whole machine [s]
@@ -146,14 +87,10 @@ class Film(Closing):
         size: width and height of the frames; the default depends on the number of runs [pixels].
         colour: quantity that colours the beads on one scale, one of `gantrysim.render.colours.COLOURS`; by default the
             worse of error and width by the verdicts, or the error of runs without a job.
-        true_width: whether a thin bead keeps its width; by default the camera that is fitted to the bead shows it up
-            to four times as wide, all beads alike, with the factor in the picture. The nozzle's inset shows it as it
-            is.
 
     Attributes:
         end: time at which the longest run ends [s].
         cells: places of the runs' pictures.
-        widening: factor by which the beads are drawn wider than they are.
         panel: drawn at the top of the frame, out of reach of a player's controls.
 
     Raises:
@@ -168,7 +105,6 @@ class Film(Closing):
         camera: str | None = None,
         size: tuple[int, int] | None = None,
         colour: str | None = None,
-        true_width: bool = False,
     ) -> None:
         if len(takes) not in _SIZES:
             raise InputError(f"number of runs = {len(takes)}: must be 1, 2 or 4")
@@ -178,10 +114,10 @@ class Film(Closing):
         self._runs = [Telemetry(bead.run, bead) for bead in beads]
         self.end = max(float(take.run.time[-1]) for take in takes)
         runs = [take.run for take in takes]
-        verdicts = [take.run.known_verdict if take.verdict is None else take.verdict for take in takes]
+        self._verdicts = verdicts = [take.run.known_verdict if take.verdict is None else take.verdict for take in takes]
         colour = chosen_colour(colour, runs, verdicts)
         scale = scale_for(colour, runs, beads)
-        labels = [take.label or take.machine.name for take in takes]
+        self._labels = labels = [take.label or take.machine.name for take in takes]
         self.panel = Panel(self._runs, self.size, labels[0], scale)
         above = self.panel.size[1]
         room = height - above
@@ -205,14 +141,9 @@ class Film(Closing):
                 renderer = Renderer(take.machine, take.run, view, size, bead, colour, scale)
                 self._renderers.append(opened.enter_context(renderer))
             self._opened = opened.pop_all()
-        self.widening = 1.0 if camera is not None or true_width else self._widening(beads)
-        for renderer in self._renderers:
-            renderer.scene.widening = self.widening
-        note = f"bead drawn {self.widening:g} × as wide" if self.widening > 1 else ""
         letters = self.panel.font.size
         self._captions = [
-            Caption("" if verdict is None else verdict.headline, note, cell.width, letters)
-            for verdict, cell in zip(verdicts, self.cells, strict=True)
+            Caption(verdict, cell.width, letters) for verdict, cell in zip(verdicts, self.cells, strict=True)
         ]
         # frames of a long run need it
         memory.give_back()
@@ -230,13 +161,6 @@ class Film(Closing):
             top = self.panel.size[1] + row * (above + height) + above
             cells += [Cell(column * (width + _GAP), top, width, height) for column in range(columns)]
         return tuple(cells)
-
-    def _widening(self, beads: Sequence[BeadTrace]) -> float:
-        """Return the factor by which all beads are drawn wider, which the one with the least room allows."""
-        shape = self.cells[0].width / self.cells[0].height
-        framings = [renderer.framing for renderer in self._renderers]
-        framed = zip(framings, beads, strict=True)
-        return min((widening(framing, bead, shape) for framing, bead in framed if framing is not None), default=1.0)
 
     def close(self) -> None:
         """Free the OpenGL contexts, and return the memory that a renderer in software leaves."""
@@ -267,12 +191,23 @@ class Film(Closing):
         share = self._flight_share(time, speed)
         for cell, renderer, run in zip(self.cells, self._renderers, self._runs, strict=True):
             cell.of(frame)[:] = renderer.frame(run.tick(time), share)
-        for cell, caption in zip(self.cells, self._captions, strict=True):
-            caption.write(cell.of(frame))
+        for cell, caption, renderer in zip(self.cells, self._captions, self._renderers, strict=True):
+            caption.write(cell.of(frame), self._worst(caption, renderer, time) if share == 1 else None)
         for cell, header in zip(self.cells, self._headers, strict=False):  # one run has none
             Cell(cell.left, cell.top - header.size[1], *header.size).of(frame)[:] = header.picture(time)
         frame[: self.panel.size[1]] = self.panel.picture(time, speed)
         return frame
+
+    def _worst(self, caption: Caption, renderer: Renderer, time: float) -> tuple[float, float] | None:
+        """Return column and row of the verdict's worst place in a picture; None before the run has come to it."""
+        place = caption.place
+        if place is None or place.point is None or place.time is None or time < place.time:
+            return None
+        return renderer.pixel_of(place.point)
+
+    def end_card(self) -> Picture:
+        """Return what the film ends with, for a second: the verdicts on its runs, (height, width, 3)."""
+        return end_card(self.frame(self.end), self._runs, self._labels, self._verdicts)
 
     def _flight_share(self, time: float, speed: float | None) -> float:
         """Return the share of the flight to the bead at a time of the run, 0 to 1; a single picture shows the bead.
@@ -310,7 +245,7 @@ class Film(Closing):
         speed: float | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> int:
-        """Write the film and return its number of frames; on failure an earlier file is kept.
+        """Write the film, with its end card, and return its number of frames; on failure an earlier file is kept.
 
         Args:
             file: to write, .mp4 or .gif. The frames of a GIF last whole hundredths of a second, so it gets the nearest
@@ -329,14 +264,18 @@ class Film(Closing):
         times = self.times(rate, speed)
 
         def samples() -> list[Picture]:  # first, middle and last
-            return [self.frame(times[k * (len(times) - 1) // 2], speed) for k in range(3)]
+            return [*(self.frame(times[k * (len(times) - 1) // 2], speed) for k in range(3)), card]
 
+        card = self.end_card()
+        card_frames = max(round(SECONDS * rate), 1)
         with film_writer(target, rate, self.size, samples) as append:
             for count, time in enumerate(times, 1):
                 append(self.frame(time, speed))
                 if progress is not None:
                     progress(count / len(times))
-        return len(times)
+            for _ in range(card_frames):
+                append(card)
+        return len(times) + card_frames
 
     def save_picture(self, file: str | os.PathLike[str], at: float | None = None) -> None:
         """Write one frame as PNG, at a time of the run or by default at its end [s].
@@ -365,12 +304,11 @@ def save_video(
     file: str | os.PathLike[str],
     *,
     camera: str | None = None,
-    size: tuple[int, int] = (800, 600),
+    size: tuple[int, int] = (960, 540),
     fps: float = 25.0,
     speed: float | None = None,
     bead: BeadSettings | BeadTrace | None = None,
     colour: str | None = None,
-    true_width: bool = False,
     label: str = "",
     verdict: Verdict | None = None,
     progress: Callable[[float], None] | None = None,
@@ -380,5 +318,5 @@ def save_video(
     Arguments and errors as of `Take`, `Film` and `Film.save`.
     """
     take = Take(machine, run, label, bead, verdict)
-    with Film([take], camera=camera, size=size, colour=colour, true_width=true_width) as film:
+    with Film([take], camera=camera, size=size, colour=colour) as film:
         return film.save(file, fps=fps, speed=speed, progress=progress)

@@ -12,17 +12,19 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from gantrysim.base.errors import expanded
+from gantrysim.base.quantity import number_text
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
 from gantrysim.job.programs import PROGRAMS, described_fields
 from gantrysim.job.settings import ServoSettings
 from gantrysim.render.encoding import Picture
-from gantrysim.render.fonts import LINE, MUTED, PAPER, Font, font
+from gantrysim.render.fonts import LINE, MUTED, PAPER, Font, font, rgb
 from gantrysim.render.telemetry import Telemetry
 from gantrysim.report.plots.style import COLOURS
 from gantrysim.report.saved import SavedRun
-from gantrysim.results.colours import INK
+from gantrysim.results.colours import FAULT, INK
+from gantrysim.results.verdict import Verdict
 
 # Labels of runs side by side: the values in which their jobs differ.
 
@@ -103,9 +105,10 @@ def _description(kind: type[Any], names: Sequence[str]) -> str:
 
 _HEIGHT = 2.9  # of a header with one line of readout, in sizes of its letters
 _WIDTHS = {1: 34, 2: 22}  # by lines of readout, that hold all of it, in sizes of the letters
+_MARK = 1.1  # size of the mark at the worst place, in sizes of the letters
+_MOST_MARK = 0.45  # width of its text, relative to the picture
 _CAPTION_HEIGHT = 1.8  # in sizes of its letters
 _LEAST_LETTERS = 10  # size of the letters, unless the panel's are smaller [pixels]
-_MOST_NOTE = 0.5  # width of a note beside a verdict that is cut, relative to the picture
 
 
 class Header:
@@ -183,35 +186,54 @@ def headers(
 
 
 class Caption:
-    """What stands at the upper edge of a picture: the verdict to the left, and a note to the right.
+    """What stands in a picture: the verdict at the upper edge to the left, and a mark at its worst place.
 
     Args:
-        verdict: headline of the verdict, whose symbol and word say it without colour; empty for none.
-        note: empty for none; left out where it does not fit.
-        width: of the picture [pixels]; a longer verdict is cut.
+        verdict: headline and words of the worst value say it without colour; None for nothing.
+        width: of the picture [pixels]; a longer text is cut.
         largest: size of the letters [pixels].
     """
 
-    def __init__(self, verdict: str, note: str, width: int, largest: int) -> None:
-        bold = font(largest, True)
-        letters = font(largest)
-        self._note = _line(note, letters, MUTED, width)
-        beside = 0 if self._note is None else self._note.shape[1]
-        room = width - beside
-        if verdict and bold.width(verdict) + 2 * bold.margin > room and beside > _MOST_NOTE * width:
-            self._note = None
-            room = width
-        self._verdict = _line(verdict, bold, INK, room)
+    def __init__(self, verdict: Verdict | None, width: int, largest: int) -> None:
+        self._verdict = _line("" if verdict is None else verdict.headline, font(largest, True), INK, width)
+        check = None if verdict is None else verdict.worst_check
+        place = None if verdict is None or verdict.worst_row is None else verdict.worst_place
+        worst = "worst"
+        if check is not None and check.place == place:
+            worst = f"{check.quantity} {number_text(check.value, check.form)} {check.unit}".rstrip()
+        self._worst = _line(worst, font(largest), FAULT, int(_MOST_MARK * width))
+        self._size = round(_MARK * largest)
+        self.place = place
 
-    def write(self, picture: Picture) -> None:
-        """Write the caption over a picture, (height, width, 3)."""
-        height = len(picture)
+    def write(self, picture: Picture, worst: tuple[float, float] | None = None) -> None:
+        """Write the caption over a picture, (height, width, 3).
+
+        Args:
+            picture: to be written on.
+            worst: column and row of the worst place; None where it is not to be marked.
+        """
+        if worst is not None:
+            self._mark(picture, *worst)
         if self._verdict is not None:
             rows, columns = self._verdict.shape[:2]
-            picture[:rows, :columns] = self._verdict[:height]
-        if self._note is not None:
-            rows, columns = self._note.shape[:2]
-            picture[:rows, -columns:] = self._note[:height]
+            picture[:rows, :columns] = self._verdict[: len(picture)]
+
+    def _mark(self, picture: Picture, column: float, row: float) -> None:
+        """Draw a triangle that points down to a place, with its text beside it, inside the picture."""
+        height, width = picture.shape[:2]
+        size = self._size
+        image = Image.fromarray(picture)
+        draw = ImageDraw.Draw(image)
+        corners = [(column, row - 0.4 * size), (column - 0.6 * size, row - 1.5 * size)]
+        draw.polygon([*corners, (column + 0.6 * size, row - 1.5 * size)], rgb(FAULT), rgb(PAPER))
+        if self._worst is not None:
+            rows, columns = self._worst.shape[:2]
+            left = column + 0.8 * size
+            if left + columns > width:
+                left = column - 0.8 * size - columns
+            top = min(max(row - 1.6 * size - 0.5 * rows, 0), height - rows)
+            image.paste(Image.fromarray(self._worst), (round(max(left, 0)), round(top)))
+        picture[:] = np.asarray(image)
 
 
 def _line(text: str, letters: Font, colour: str, width: int) -> Picture | None:

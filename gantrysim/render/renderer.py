@@ -14,10 +14,10 @@ from gantrysim.record.run import Run
 from gantrysim.render.antialiasing import smoothed_picture
 from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
-from gantrysim.render.flight import Flight
-from gantrysim.render.framing import Framing
+from gantrysim.render.flight import Flight, View
+from gantrysim.render.framing import FIELD_OF_VIEW, Framing
 from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen
-from gantrysim.render.scene import Scene
+from gantrysim.render.scene import GLOSS, Scene
 
 # The geoms of a model in an order in which a renderer without a GPU draws them soon.
 
@@ -110,20 +110,23 @@ class Geoms:
         return inside
 
 
-# The nozzle from near, in the corner of a picture that the bead leaves free.
+# The needle and the wet bead from near, in the corner of a picture that the bead leaves free.
 
-_CAMERA = "nozzle"
-_SIDE = 0.3  # width and height, relative to the picture's
+_SIDE = 0.34  # width and height, relative to the picture's
 _BELOW = 0.08  # distance from the upper edge, where the verdict stands, relative to the picture's height
 _LEAST_INSET = 120  # width [pixels]: in a smaller picture there is none
 _FRAME = 2  # [pixels]
-_SHADE = 96  # grey of the frame, 0 to 255
+_SHADE = 230  # grey of the frame, 0 to 255
 # corners in the order of preference: the needle comes from above
 _CORNERS = ((1, -1), (-1, -1), (1, 1), (-1, 1))
+_SEEN = 3.5  # height of what it shows, in widths of the bead
+_LEAST_SEEN = 3.0  # the same [mm]
+_ELEVATION = -24.0  # of its camera [deg]
+_NEAR = 0.25  # distance of the clipping plane, relative to the camera's
 
 
 class Inset:
-    """A second view of a scene in a corner of its picture.
+    """A second view of a scene in a corner of its picture: the nozzle, as large as the bead is legible.
 
     Args:
         scene: the machine with its bead.
@@ -135,17 +138,20 @@ class Inset:
     """
 
     def __init__(self, scene: Scene, corner: tuple[int, int], size: tuple[int, int]) -> None:
-        self._view = scene.camera(_CAMERA)
         width, height = (round(_SIDE * side) for side in size)
         right, up = corner
         column = size[0] - width if right > 0 else 0
         bottom = size[1] - height - round(_BELOW * size[1]) if up > 0 else 0
         self.viewport = mujoco.MjrRect(column, bottom, width, height)
+        trace = scene.sweep.bead_trace
+        wide = max(float(trace.nominal_section.width[0]) if trace.nominal > 0 else 0.0, trace.run.face)
+        self._distance = 0.5e-3 * max(_SEEN * wide, _LEAST_SEEN) / np.tan(np.radians(0.5 * FIELD_OF_VIEW))
+        self._tip = int(scene.model.site(NOZZLE).id)
 
     @classmethod
     def of(cls, scene: Scene, framing: Framing, size: tuple[int, int]) -> Inset | None:
-        """Return the inset of a bead's picture, or None without room for it or without a camera at the nozzle."""
-        if _SIDE * size[0] < _LEAST_INSET or not scene.has_camera(_CAMERA):
+        """Return the inset of a bead's picture, or None without room for it."""
+        if _SIDE * size[0] < _LEAST_INSET:
             return None
         places = framing.in_picture(size[0] / size[1])
         # from the middle to the inset's edges
@@ -153,9 +159,19 @@ class Inset:
         covered = [int(np.count_nonzero(np.all(places * corner > free, axis=1))) for corner in _CORNERS]
         return cls(scene, _CORNERS[int(np.argmin(covered))], size)
 
-    def render(self, scene: Scene, geoms: Geoms, drawn: mujoco.MjvScene, context: mujoco.MjrContext) -> None:
-        """Draw the inset over the picture in the present buffer, without shadows."""
-        geoms.update(scene.data, self._view, drawn, self.viewport.width / self.viewport.height, shadows=False)
+    def render(
+        self, scene: Scene, geoms: Geoms, drawn: mujoco.MjvScene, context: mujoco.MjrContext, azimuth: float
+    ) -> None:
+        """Draw the inset over the picture in the present buffer, seen from an azimuth [deg], without shadows."""
+        model = scene.model
+        view = mujoco.MjvCamera()
+        View(scene.data.site_xpos[self._tip], self._distance, azimuth, _ELEVATION, FIELD_OF_VIEW).set(view, model)
+        near = model.vis.map.znear
+        try:
+            model.vis.map.znear = _NEAR * self._distance / model.stat.extent
+            geoms.update(scene.data, view, drawn, self.viewport.width / self.viewport.height, shadows=False)
+        finally:
+            model.vis.map.znear = near
         scene.decorate(drawn)
         mujoco.mjr_render(self.viewport, drawn, context)
 
@@ -226,9 +242,7 @@ class Renderer(Closing):
         self.size = checked_size("picture", size)
         width, height = self.size
         is_fitted = camera == BEAD or isinstance(camera, Framing)
-        # a second one for the inset
-        beads = 2 if is_fitted else 1
-        self.scene = Scene(machine, run, bead, colour=colour, scale=scale, beads_in_pieces=beads)
+        self.scene = Scene(machine, run, bead, colour=colour, scale=scale, in_pieces=True)
         self.view = self.scene.camera(camera if isinstance(camera, str) and not is_fitted else None)
         model = self.scene.model
         model.vis.global_.offwidth = width
@@ -322,8 +336,9 @@ class Renderer(Closing):
         for light in self._lights:
             offset = self.data.site_xpos[self._tip] - self.data.light_xpos[light]
             self.data.light_xdir[light] = offset / np.linalg.norm(offset)
+        self._aim_gloss()
         self._gl.make_current()
-        self._upload(scene.draw_bead(scene.widening))
+        self._upload(scene.draw_bead())
         width, height = self.size
         # a shadow map doubles the time of a picture, and its teeth show from near: there the bead is lit without
         shadows = self._flight is None or share == 0
@@ -334,10 +349,7 @@ class Renderer(Closing):
         mujoco.mjr_render(viewport, self._drawn, self._context)
         inset = self._inset if share == 1 else None
         if inset is not None:
-            # from near the bead is seen as it is
-            if scene.widening != 1:
-                self._upload(scene.draw_bead(1.0, near=True))
-            inset.render(scene, self._geoms, self._drawn, self._context)
+            inset.render(scene, self._geoms, self._drawn, self._context, self.view.azimuth)
         image = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)
         if self._flight is None:
@@ -346,6 +358,32 @@ class Renderer(Closing):
         if inset is not None:
             inset.frame(image)
         return image[::-1]
+
+    def pixel_of(self, point: tuple[float, float, float]) -> tuple[float, float] | None:
+        """Return column and row of a point in the work frame [mm] in the last picture, or None outside of it."""
+        data = self.data
+        work = self.scene.machine.work
+        place = data.xpos[work] + data.xmat[work].reshape(3, 3) @ (1e-3 * np.array(point))
+        mujoco.mjv_updateCamera(self.model, data, self.view, self._drawn)
+        left, right = self._drawn.camera
+        forward = np.array(left.forward)
+        up = np.array(left.up)
+        # in the middle between the eyes
+        away = place - 0.5 * (np.array(left.pos) + np.array(right.pos))
+        depth = float(away @ forward) * left.frustum_top / left.frustum_near
+        if depth <= 0:
+            return None
+        width, height = self.size
+        column = 0.5 * width + 0.5 * height * float(away @ np.cross(forward, up)) / depth
+        row = 0.5 * height - 0.5 * height * float(away @ up) / depth
+        return (column, row) if 0 <= column < width and 0 <= row < height else None
+
+    def _aim_gloss(self) -> None:
+        """Send the light of the gloss so that what is level reflects it into the camera."""
+        scene = self.scene
+        mujoco.mjv_updateCamera(scene.model, scene.data, self.view, self._drawn)
+        forward = self._drawn.camera[0].forward
+        scene.data.light_xdir[scene.model.light(GLOSS).id] = (-forward[0], -forward[1], min(forward[2], -0.1))
 
     def _upload(self, meshes: list[int]) -> None:
         for mesh in meshes:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -74,16 +71,15 @@ class BeadMesh:
         self._laid = 0  # rings
         self._written = np.full((pieces[-1].stop, 6 * _CORNERS + 1), np.nan, np.float32)
 
-    def write(self, bead: Mesh, factor: float, coordinates: Singles) -> list[int]:
+    def write(self, bead: Mesh, coordinates: Singles) -> list[int]:
         """Show a bead, and return the meshes that have to be uploaded for it.
 
         Args:
             bead: its rings that are laid.
-            factor: by which it is drawn wider than it is.
             coordinates: of the rings in the texture of colours, (rings,).
         """
         laid = len(bead.place)
-        vertices = bead.widened(factor).reshape(laid, -1)
+        vertices = bead.vertices.reshape(laid, -1)
         rows = np.hstack([vertices, bead.normals.reshape(laid, -1), coordinates[:, None]])
         changed = np.any(rows != self._written[:laid], axis=1)
         self._written[:laid] = rows
@@ -98,10 +94,6 @@ class BeadMesh:
                 uploads.append(self.meshes[number])
         self._laid = laid
         return uploads
-
-    def hide(self) -> None:
-        """Show no bead until the next one is written."""
-        self._model.geom_group[self.geoms] = _ABSENT
 
     def _write_piece(self, number: int, rows: Singles) -> None:
         """Write the rings of a piece; those not yet laid collapse onto the last one."""
@@ -124,7 +116,8 @@ def mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> Singles:
 
 
 _BEAD = "gantrysim bead"
-_NEAR_BEAD = "gantrysim near bead"
+GLOSS = "gantrysim gloss"  # light that the crest of a bead reflects into the camera
+_GLOSS_SPECULAR = 0.6
 _PIECE = "gantrysim work piece"
 _GLUE = (0.98, 0.58, 0.10, 1.0)
 _TURNED = (0.45, 0.47, 0.50, 1.0)
@@ -132,6 +125,9 @@ _TURNED = (0.45, 0.47, 0.50, 1.0)
 # machines' lights add up to about 1.1.
 _LIT = 0.3
 _GLOW = (1 - 1.1 * _LIT) / _LIT
+# wet glue reflects lights in small bright spots, whatever its colour
+_WET_SPECULAR = 1.0
+_WET_SHININESS = 0.6
 _WETTED = 1.0  # height that a drop climbs up the needle, in radii of the free thread
 _ON_AXIS = 1e-4  # distance of parts in line with the needle [m]
 _HANGS = 3.0  # length that a drop hangs down, in radii of the free thread
@@ -146,9 +142,8 @@ class Scene:
         bead: settings of the bead, or the bead itself.
         colour: quantity that colours the bead, one of `gantrysim.render.colours.COLOURS`.
         scale: of the colours; by default one that fits the run.
-        beads_in_pieces: number of beads of several meshes each, so that less is uploaded for a picture; they have to
-            be drawn by `draw_bead`. A second one is for views from near between pictures of a wider one. By default 0,
-            for a bead of one mesh.
+        in_pieces: whether the bead has several meshes, so that less is uploaded for a picture; they have to be drawn by
+            `draw_bead`.
 
     Attributes:
         model: the compiled machine with the bead.
@@ -156,7 +151,6 @@ class Scene:
         mesh: number of the bead's mesh in the model, or of its first piece, to be uploaded after `pose`.
         bead_geoms: numbers of the geoms that show the bead.
         scale: of the colours, None for a plain bead.
-        widening: factor by which pictures show the bead wider than it is.
 
     Raises:
         InputError: no such colour.
@@ -170,22 +164,20 @@ class Scene:
         *,
         colour: str = "plain",
         scale: Scale | None = None,
-        beads_in_pieces: int = 0,
+        in_pieces: bool = False,
     ) -> None:
         self.machine = machine
         colour = chosen_colour(colour, [run])
         self.scale = scale_for(colour, [run], [bead]) if scale is None else scale
-        self.widening = 1.0
         self._colour = colour
         self._set_run(run, Sweep(run, bead))
-        self._in_pieces = beads_in_pieces > 0
-        pieces = piece_slices(self.sweep.rings, self._in_pieces)
-        beads = (_BEAD, _NEAR_BEAD)[: max(beads_in_pieces, 1)]
-        self.model, names = _with_beads(machine, self.sweep, self.scale, pieces, beads)
+        self._in_pieces = in_pieces
+        pieces = piece_slices(self.sweep.rings, in_pieces)
+        self.model, names = _with_bead(machine, self.sweep, self.scale, pieces)
         self.data = mujoco.MjData(self.model)
-        self._beads = [BeadMesh(self.model, piece_names, pieces) for piece_names in names]
-        self.mesh = self._beads[0].meshes[0]
-        self.bead_geoms = [geom for bead_mesh in self._beads for geom in bead_mesh.geoms]
+        self._bead = BeadMesh(self.model, names, pieces)
+        self.mesh = self._bead.meshes[0]
+        self.bead_geoms = self._bead.geoms
         self.pose(0)
 
     def _set_run(self, run: Run, sweep: Sweep) -> None:
@@ -210,18 +202,11 @@ class Scene:
         self._laid = self.sweep.laid(tick)
         self._drop = _drop_at(self.sweep, tick)
         if not self._in_pieces:
-            self.draw_bead(1.0)
+            self.draw_bead()
 
-    def draw_bead(self, factor: float, *, near: bool = False) -> list[int]:
-        """Draw the bead of the present pose so many times as wide as it is, and return the meshes to be uploaded.
-
-        Args:
-            factor: of its width.
-            near: whether to show the second bead, and not the first.
-        """
-        for bead_mesh in self._beads:
-            bead_mesh.hide()
-        return self._beads[1 if near else 0].write(self._laid, factor, self._texture_places())
+    def draw_bead(self) -> list[int]:
+        """Draw the bead of the present pose, and return the meshes to be uploaded."""
+        return self._bead.write(self._laid, self._texture_places())
 
     def _texture_places(self) -> NDArray[np.float32]:
         """Return the places of the laid rings in the texture of colours, (rings,)."""
@@ -245,9 +230,15 @@ class Scene:
         size = np.array([radius, radius, half_height])
         position = self.data.xpos[work] + frame @ centre
         colour = np.array(_GLUE, np.float32)
+        glow = 0.0
+        if self.scale is not None and self._laid.place.size:
+            last = round(float(self._texture_places()[-1]) * len(self.scale.table) - 0.5)
+            colour[:3] = _LIT / 255 * self.scale.table[last]
+            glow = _GLOW
         mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_ELLIPSOID, size, position, frame.ravel(), colour)
-        geom.specular = 0.6
-        geom.shininess = 0.7
+        geom.emission = glow
+        geom.specular = _WET_SPECULAR
+        geom.shininess = _WET_SHININESS
         scene.ngeom += 1
 
     @property
@@ -278,19 +269,17 @@ class Scene:
         return view
 
 
-def _with_beads(
-    machine: Machine, sweep: Sweep, scale: Scale | None, pieces: list[slice], beads: Sequence[str]
-) -> tuple[mujoco.MjModel, list[list[str]]]:
-    """Compile the machine with beads of some names, and the body under climbing ones, in the work's frame.
+def _with_bead(
+    machine: Machine, sweep: Sweep, scale: Scale | None, pieces: list[slice]
+) -> tuple[mujoco.MjModel, list[str]]:
+    """Return the compiled machine with a bead, and the body under a climbing one, in the work's frame; and its pieces.
 
-    Returns:
-        model: the compiled model.
-        names: of the pieces of each bead.
+    The pieces are named.
     """
     spec = machine.spec.copy()
     run = sweep.bead_trace.run
-    names = [add_pieces(spec, bead, pieces, scale is not None) for bead in beads]
-    material = spec.add_material(name=_BEAD, rgba=_GLUE, specular=0.6, shininess=0.7)
+    names = add_pieces(spec, _BEAD, pieces, scale is not None)
+    material = spec.add_material(name=_BEAD, rgba=_GLUE, specular=_WET_SPECULAR, shininess=_WET_SHININESS)
     if scale is not None:
         texture = spec.add_texture(name=_BEAD, type=mujoco.mjtTexture.mjTEXTURE_2D, nchannel=3)
         texture.width = len(scale.table)
@@ -299,11 +288,19 @@ def _with_beads(
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _BEAD
         material.rgba = (_LIT, _LIT, _LIT, 1)
         material.emission = _GLOW
-        material.specular = 0.0
-    for name in itertools.chain(*names):
+    for name in names:
         _add_to_work(spec, name, _BEAD, group=0)
     if machine.needle is not None:
         _fit_needle(spec, run)
+    # it moves with the camera, see `Renderer.frame`
+    spec.worldbody.add_light(
+        name=GLOSS,
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        castshadow=False,
+        ambient=np.zeros(3),
+        diffuse=np.zeros(3),
+        specular=np.full(3, _GLOSS_SPECULAR),
+    )
     level = float(machine.tip(np.zeros(len(machine.axes)))[2])
     piece = workpiece(run, sweep.bead_trace, level)
     if piece is not None:
@@ -313,7 +310,7 @@ def _with_beads(
         spec.add_material(name=_PIECE, rgba=_TURNED, specular=0.3, shininess=0.4)
         _add_to_work(spec, _PIECE, _PIECE, group=2)
     model = spec.compile()
-    for name in itertools.chain(*names):
+    for name in names:
         geom = model.geom(name).id
         # the compiler moves the mesh to its inertial frame; the drawn vertices are in the work's
         model.geom_pos[geom] = 0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.glue.bead import BeadSettings
-from gantrysim.glue.bead.trace import BeadTrace
+from gantrysim.glue.bead.trace import LEVEL, BeadTrace, climb
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run
 
@@ -24,7 +24,6 @@ Triangles = NDArray[np.int32]
 
 _STEP = 1.5  # distance of the samples along the path [mm]
 _CLEARANCE = 0.09  # beside the needle [mm]
-_FLAT = 0.05  # climb below which a path lies on the work itself [mm]
 _FILM = 0.02  # thickness below which the body is not drawn [mm]
 _LEVEL = 0.05  # cosine of the climb, below which the path has no direction in plan view
 _SHARE = 0.45  # half width of a ledge, relative to the distance to its neighbour
@@ -53,17 +52,19 @@ class WorkPiece(NamedTuple):
 def workpiece(run: Run, bead: BeadSettings | BeadTrace | None = None, level: float = 0.0) -> WorkPiece | None:
     """Return the body under the bead of a run, or None where its dispensed path does not climb.
 
+    What carries a level bead above the work is not known, and nothing is drawn for it.
+
     Args:
         run: the run.
         bead: settings of the bead, or the bead itself.
         level: z of the nozzle where it is the run's gap above the work [mm].
     """
-    if not run.dispense.any() or run.requested.table[1][:, 2].max() < level + _FLAT:
+    if not run.dispense.any() or climb(run.requested.table[1][:, 2]) <= LEVEL:
         return None
     bead_trace = BeadTrace.of(run, bead)
     width = float(bead_trace.nominal_section.width[0]) if bead_trace.nominal > 0 else 0.0
     track = _track(run, bead_trace.analysis, bead_trace.gap)
-    if width <= 0 or track is None or track.point[:, 2].max() < level + _FLAT - bead_trace.gap:
+    if width <= 0 or track is None or climb(track.point[:, 2]) <= LEVEL:
         return None
     floor = level - run.gap
     clear = 0.5 * (width + run.face) + _CLEARANCE

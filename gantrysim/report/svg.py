@@ -21,7 +21,7 @@ _SAVING: dict[Any, Any] = {
     "path.simplify_threshold": 0.25,  # [pt]
 }
 _NO_METADATA: dict[str, Any] = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-_RASTER_DPI = 150  # of images
+_RASTER_DPI = 110  # of images
 _LONGEST = 300_000  # characters of a path; longer ones become images
 _POINTS_OF_A_LINE = 5000  # points of a line that may be one of these
 

@@ -85,7 +85,7 @@ def test_options_reach_the_film(gantrysim_command, folder):
     )  # fmt: skip
     assert status == 0
     back = SavedRun.load(folder / "slow")
-    take = Take(back.machine, back.run, "my own", back.job.bead, back.run.verdict.headline)
+    take = Take(back.machine, back.run, "my own", back.job.bead, back.run.verdict)
     with Film([take], camera="top", size=(400, 200), colour="error") as film, Image.open(out) as gif:
         count = len(film.times(100 / 3, 4))
         assert gif.n_frames == count
@@ -100,7 +100,7 @@ def test_at_draws_one_picture(gantrysim_command, folder):
     assert gantrysim_command("render", folder / "slow", *SMALLEST, "--at", "0.5")[0] == 0
     picture = np.asarray(Image.open(folder / "slow" / "render.png"))
     back = SavedRun.load(folder / "slow")
-    take = Take(back.machine, back.run, "an225", back.job.bead, back.run.verdict.headline)
+    take = Take(back.machine, back.run, "an225", back.job.bead, back.run.verdict)
     with Film([take], size=(300, 200)) as film:
         np.testing.assert_array_equal(picture, film.frame(0.5))
         status, printed, _ = gantrysim_command("render", folder / "slow", *SMALLEST, "--out", folder / "b.png")
@@ -182,7 +182,7 @@ def test_the_poster_is_the_last_frame_and_a_gif_a_film(gantrysim_command, folder
     status, printed, _ = gantrysim_command("render", folder / "slow", *SMALLEST, "--poster")
     assert (status, printed) == (0, f"written to {folder}/slow/render.png: picture\n")
     back = SavedRun.load(folder / "slow")
-    take = Take(back.machine, back.run, "an225", back.job.bead, back.run.verdict.headline)
+    take = Take(back.machine, back.run, "an225", back.job.bead, back.run.verdict)
     with Film([take], size=(300, 200)) as film:
         np.testing.assert_array_equal(np.asarray(Image.open(folder / "slow" / "render.png")), film.frame(film.end))
     assert gantrysim_command("render", folder / "slow", *SMALLEST, "--gif", "--fps", "2")[0] == 0

@@ -48,8 +48,8 @@ def in_order(rows):
 def test_what_is_shown_of_the_uploaded_pieces_is_the_bead_of_every_picture_in_any_order(xy, run):
     scale = scale_for("error", [run])
     whole = Scene(xy, run, BeadSettings(), colour="error", scale=scale)
-    scene = Scene(xy, run, BeadSettings(), colour="error", scale=scale, beads_in_pieces=2)
-    assert len(scene.bead_geoms) > 20
+    scene = Scene(xy, run, BeadSettings(), colour="error", scale=scale, in_pieces=True)
+    assert len(scene.bead_geoms) > 10
     last = len(run.time) - 1
     uploaded = {}
     ticks = [
@@ -65,45 +65,38 @@ def test_what_is_shown_of_the_uploaded_pieces_is_the_bead_of_every_picture_in_an
         last // 2,
         last,
     ]
-    for number, tick in enumerate(ticks):
-        for near in (False, True):
-            factor = 1.0 if near else 2.5 if number < 8 else 1.5
-            scene.pose(tick)
-            for mesh in scene.draw_bead(factor, near=near):
-                uploaded[mesh] = parts_of(scene.model, mesh)
-            shown = [scene.model.geom_dataid[geom] for geom in scene.bead_geoms if scene.model.geom_group[geom] == 0]
-            pieces = np.concatenate([corners(scene.model, mesh, uploaded[mesh]) for mesh in shown])
-            whole.pose(tick)
-            whole.draw_bead(factor)
-            expected = corners(whole.model, whole.mesh, parts_of(whole.model, whole.mesh))
-            np.testing.assert_array_equal(in_order(pieces), in_order(expected))
-            np.testing.assert_array_equal(
-                mesh_part(whole.model, whole.mesh, "vert"), whole.sweep.mesh(tick).widened(factor)
-            )
+    for tick in ticks:
+        scene.pose(tick)
+        for mesh in scene.draw_bead():
+            uploaded[mesh] = parts_of(scene.model, mesh)
+        shown = [scene.model.geom_dataid[geom] for geom in scene.bead_geoms if scene.model.geom_group[geom] == 0]
+        pieces = np.concatenate([corners(scene.model, mesh, uploaded[mesh]) for mesh in shown])
+        whole.pose(tick)
+        expected = corners(whole.model, whole.mesh, parts_of(whole.model, whole.mesh))
+        np.testing.assert_array_equal(in_order(pieces), in_order(expected))
+        np.testing.assert_array_equal(mesh_part(whole.model, whole.mesh, "vert"), whole.sweep.mesh(tick).vertices)
 
 
 def test_a_growing_bead_uploads_the_piece_with_its_end_and_what_stays_nothing(xy, run):
-    scene = Scene(xy, run, beads_in_pieces=1)
+    scene = Scene(xy, run, in_pieces=True)
     for tick in range(0, len(run.time) - 60, 40):
         scene.pose(tick)
-        uploads = scene.draw_bead(1.0)
+        uploads = scene.draw_bead()
         assert len(uploads) <= 2 or tick == 0
         if 500 <= tick < PAUSE.start:
             assert uploads
         if PAUSE.start + 50 <= tick < PAUSE.stop:
             assert uploads == []
-        assert scene.draw_bead(1.0) == []
+        assert scene.draw_bead() == []
 
 
 def test_frames_do_not_depend_on_those_before(xy, run):
     last = len(run.time) - 1
     frames = []
     with Renderer(xy, run, "bead", SIZE) as renderer:
-        renderer.scene.widening = 2.0
         for tick in (0, last, last // 3, last // 2):
             renderer.frame(tick)
         frames = [renderer.frame(last // 2), renderer.frame(last // 4)]
     for tick, frame in zip((last // 2, last // 4), frames, strict=True):
         with Renderer(xy, run, "bead", SIZE) as renderer:
-            renderer.scene.widening = 2.0
             np.testing.assert_array_equal(renderer.frame(tick), frame)

@@ -42,13 +42,13 @@ def short(run):
 
 @pytest.fixture(scope="module")
 def alone(xy, run):
-    with Film([Take(xy, run, "one")], size=SIZE, colour="plain", true_width=True) as opened:
+    with Film([Take(xy, run, "one")], size=SIZE, colour="plain") as opened:
         yield opened
 
 
 @pytest.fixture(scope="module")
 def pair(xy, run, short):
-    with Film([Take(xy, run, "long"), Take(xy, short, "short")], size=PAIR, colour="plain", true_width=True) as opened:
+    with Film([Take(xy, run, "long"), Take(xy, short, "short")], size=PAIR, colour="plain") as opened:
         yield opened
 
 
@@ -106,12 +106,14 @@ def test_an_mp4_has_its_frames_its_rate_and_its_pictures(alone, run, tmp_path):
     assert meta["fps"] == 8
     assert meta["codec"] == "h264"
     assert meta["pix_fmt"].startswith("yuv420p(tv, bt709")  # what browsers play, in colours that they cannot mistake
-    assert len(frames) == count == int(np.ceil(run.time[-1] * 8)) + 1
+    assert len(frames) == count == int(np.ceil(run.time[-1] * 8)) + 1 + 8  # and the end card
     assert meta["duration"] == pytest.approx(count / 8, abs=0.01)
-    assert seen == pytest.approx(np.arange(1, count + 1) / count)
-    for k in (0, 5, count - 1):
+    assert seen == pytest.approx(np.arange(1, count - 7) / (count - 8))
+    for k in (0, 5, count - 9):
         time = min(k / 8, run.time[-1])
         assert apart(frames[k], alone.frame(time, 1.0)) < CODED
+    for card in frames[-8:]:
+        assert apart(card, alone.end_card()) < CODED
     assert apart(frames[5], alone.frame(6 / 8, 1.0)) > apart(frames[5], alone.frame(5 / 8, 1.0))
     assert list(tmp_path.iterdir()) == [tmp_path / "a.mp4"]
     # the index stands in front of the frames
@@ -126,8 +128,9 @@ def test_a_gif_has_frame_times_in_hundredths_and_the_right_frames(alone, run, tm
     frames, durations, loop = of_gif(tmp_path / "a.gif")
     assert set(durations) == {duration}
     assert loop == 0
-    assert len(frames) == count == int(np.ceil(run.time[-1] / (speed * 1e-3 * duration) - 1e-9)) + 1
-    for k in (0, 2, count - 1):
+    cards = round(1e3 / duration)
+    assert len(frames) == count == int(np.ceil(run.time[-1] / (speed * 1e-3 * duration) - 1e-9)) + 1 + cards
+    for k in (0, 2, count - cards - 1):
         assert apart(frames[k], alone.frame(min(k * speed * 1e-3 * duration, alone.end), speed)) < PALETTE
 
 
@@ -142,16 +145,17 @@ def test_a_gif_keeps_rare_colours(xy, run, tmp_path):
 
 def test_two_films_of_a_run_are_the_same_frames(xy, run, alone, tmp_path):
     alone.save(tmp_path / "a.mp4", fps=4)
-    save_video(xy, run, tmp_path / "b.mp4", size=SIZE, fps=4.0, label="one", colour="plain", true_width=True)
+    save_video(xy, run, tmp_path / "b.mp4", size=SIZE, fps=4.0, label="one", colour="plain")
     first, second = (decoded(tmp_path / name)[0] for name in ("a.mp4", "b.mp4"))
     assert len(first) == len(second) > 5
     np.testing.assert_array_equal(first, second)
 
 
 def test_a_film_runs_in_real_time_or_faster_to_stay_below_a_minute(xy, run, alone, tmp_path):
-    assert alone.save(tmp_path / "a.mp4", fps=2) == int(np.ceil(2 * run.time[-1])) + 1
+    assert alone.save(tmp_path / "a.mp4", fps=2) == int(np.ceil(2 * run.time[-1])) + 1 + 2
     slow = dataclasses.replace(run, time=run.time * 90, period=run.period * 90)  # 130 s
-    assert save_video(xy, slow, tmp_path / "b.mp4", size=SIZE, fps=0.2) == int(np.ceil(0.2 * slow.time[-1] / 3)) + 1
+    count = int(np.ceil(0.2 * slow.time[-1] / 3)) + 1 + 1
+    assert save_video(xy, slow, tmp_path / "b.mp4", size=SIZE, fps=0.2) == count
 
 
 def test_runs_side_by_side_are_at_the_same_time(xy, run, short, pair):

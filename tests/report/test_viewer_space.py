@@ -210,9 +210,14 @@ def test_the_bead_has_the_colours_of_the_scale_that_is_chosen(page, results):
     size = budget.analysis.nozzle.distance[rows] / budget.analysis.nozzle.distance.max()
     width = np.interp(bead.length[ticks], bead.place, bead.width) / bead.nominal_section.width[0] - 1
     crest = run.nozzle[ticks]
-    for label, colours in (("error", ramp(ERRORS, size)), ("width", ramp(WIDTHS, 0.5 + 0.5 * width / WIDTH_SPAN))):
+    for label, colours in (("path error", ramp(ERRORS, size)), ("width", ramp(WIDTHS, 0.5 + 0.5 * width / WIDTH_SPAN))):
         press(page, label)
-        assert page.run(f"return document.querySelector('{SURFACE}').getAttribute('aria-label')").find(label) > 0
+        assert (
+            page.run(f"return document.querySelector('{SURFACE}').getAttribute('aria-label')").find(
+                label.rpartition(" ")[2]
+            )
+            > 0
+        )
         places, _ = in_picture(page, results, crest)
         column, row = np.rint(places - 0.5).astype(int).T
         difference = np.abs(picture(page)[row, column] - colours).max(axis=1)

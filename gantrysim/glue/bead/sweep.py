@@ -50,15 +50,6 @@ class Mesh:
     width: Floats
     centre: Singles
 
-    def widened(self, factor: float) -> Singles:
-        """Return the vertices of a bead so many times as wide, and as high as it is, (rings (SIDES + 1), 3) [m]."""
-        if factor == 1:
-            return self.vertices
-        centres = self.centre.repeat(SIDES + 1, axis=0)
-        vertices = self.vertices.copy()
-        vertices[:, :2] += np.float32(factor - 1) * (self.vertices[:, :2] - centres[:, :2])
-        return vertices
-
     def of_length(self, rings: int) -> Mesh:
         """Return the mesh padded to a number of rings, which collapse onto its last point."""
         lacking = rings - self.place.size

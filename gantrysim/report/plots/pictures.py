@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # width of a plot across the page, and of one of two side by side [inch]
 PLOT_WIDTH = 10.7
-HALF = 5.3
+HALF = 4.4
 _PLAN = 7.6  # of a plan view
 PAGE_COLUMNS = 350  # horizontal resolution of noisy lines on a page, which they make large
 
@@ -109,7 +109,9 @@ def plan_plot(analysis: Analysis) -> Plot:
 def error_plot(analysis: Analysis) -> Plot:
     """Return the plot of the errors over time: a panel for each kind of axis, and one for the path."""
     height = 6.5 if len(set(analysis.run.units)) == 1 else 8.5
-    return Plot("error", partial(draw_error, analysis=analysis), PLOT_WIDTH, height, fault=_fault(analysis))
+    return Plot(
+        "error", partial(draw_error, analysis=analysis), PLOT_WIDTH, height, PAGE_COLUMNS, fault=_fault(analysis)
+    )
 
 
 def budget_plot(budget: Budget) -> Plot:

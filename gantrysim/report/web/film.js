@@ -1,8 +1,9 @@
 // The film and the cursor follow each other. The film lasts the whole run, at an even speed: its first frame shows the
-// start, its last one the end. Until something moves it, it rests at its last frame, which shows the whole bead.
+// start, the last one before its end card the end. Until something moves it, it rests there, as that shows the whole bead.
 
 const FRAME = 0.04; // [s] of the film
 const CLOSE = 0.5 * FRAME;
+const CARD = 1; // how long the end card is shown [s] of the film
 
 export class FilmLink {
   constructor(video, data, cursor) {
@@ -12,7 +13,7 @@ export class FilmLink {
     this.wanted = null;
     this.resting = true;
     const rest = () => {
-      if (this.resting && video.duration) this._seek(video.duration - 0.5 * FRAME);
+      if (this.resting && video.duration) this._seek(this.end - 0.5 * FRAME);
     };
     video.addEventListener("loadedmetadata", rest);
     rest();
@@ -44,17 +45,22 @@ export class FilmLink {
     });
   }
 
+  /** Time of the film at which its end card begins. */
+  get end() {
+    return this.video.duration - CARD;
+  }
+
   /** Seconds of the run in a second of the film: a whole number, but for the last frame, which comes early. */
   get speed() {
-    const speed = (this.data.end - this.data.start) / (this.video.duration - FRAME);
+    const speed = (this.data.end - this.data.start) / (this.end - FRAME);
     const whole = Math.max(Math.round(speed), 1);
-    return Math.abs(speed / whole - 1) < (2 * FRAME) / this.video.duration ? whole : speed;
+    return Math.abs(speed / whole - 1) < (2 * FRAME) / this.end ? whole : speed;
   }
 
   /** The time at which the film shows the frame nearest to a row: the middle of that frame. */
   _time(row) {
     const frame = Math.round((this.data.time[row] - this.data.start) / this.speed / FRAME);
-    return Math.min((frame + 0.5) * FRAME, this.video.duration - 0.5 * FRAME);
+    return Math.min((frame + 0.5) * FRAME, this.end - 0.5 * FRAME);
   }
 
   /** The row that the present frame shows. */

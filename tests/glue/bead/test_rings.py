@@ -46,15 +46,6 @@ def test_the_floor_of_a_groove_lies_below_its_rims():
     assert sorted(set(np.round(vertices[on_the_flat, 2], 4))) == pytest.approx([height - 0.3, height], abs=1e-3)
 
 
-@pytest.mark.parametrize("factor", [1.0, 1.5, 0.5])
-def test_a_widened_bead_is_so_many_times_as_wide_and_as_high_as_it_is(factor):
-    mesh = joined_meshes([ring(), ring(point=(-5.0, 4.0, 1.0), heading=1.0)])
-    wide = mesh.widened(factor).astype(float)
-    centre = mesh.centre.astype(float).repeat(SIDES + 1, axis=0)
-    assert wide[:, :2] - centre[:, :2] == pytest.approx(factor * (mesh.vertices[:, :2] - centre[:, :2]), abs=1e-7)
-    assert np.array_equal(wide[:, 2], mesh.vertices[:, 2])
-
-
 def test_parts_padding_and_joins_keep_rings_whole():
     mesh = joined_meshes([ring(point=(k, 0.0, 0.0)) for k in range(4)])
     assert mesh.centre[:, 0].tolist() == pytest.approx([0, 1e-3, 2e-3, 3e-3])
