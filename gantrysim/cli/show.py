@@ -57,8 +57,9 @@ def show_run(
         return
     results = _results(saved)
     if not names:
-        show_verdict(Answer.of(results))
-        show_cause(summary["headline"])
+        answer = Answer.of(results)
+        show_verdict(answer)
+        show_cause(answer, summary["headline"])
         if summary["changes"] is not None:
             show_change(summary["changes"], str(run))
         if (expanded(run) / REPORT).is_file():
