@@ -210,10 +210,10 @@ class Caption:
 
     def __init__(self, verdict: Verdict | None, width: int, largest: int) -> None:
         self._verdict = _line("" if verdict is None else verdict.headline, font(largest, True), INK, width)
-        check = None if verdict is None else verdict.worst_check
         place = None if verdict is None or verdict.worst_row is None else verdict.worst_place
-        worst = "worst"
-        if check is not None and check.place == place:
+        worst = ""
+        if verdict is not None and place is not None:
+            check = next(check for row in verdict.rows for check in row.checks if check.place == place)
             worst = f"{check.quantity} {number_text(check.value, check.form)} {check.unit}".rstrip()
         self._worst = _line(worst, font(largest), FAULT, int(_MOST_MARK * width))
         self._size = round(_MARK * largest)
