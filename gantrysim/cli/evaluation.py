@@ -4,33 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from gantrysim.base import memory
-from gantrysim.base.errors import text_of
+from gantrysim.base.errors import expanded, text_of
 from gantrysim.base.extras import MissingPackageError
-from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table, verdict_table
-from gantrysim.cli.terminal import count_bar, say, share_bar, show, stage, warn
+from gantrysim.cli.screen import show_cause, show_change, show_verdict
+from gantrysim.cli.show import ASPECTS, show_aspect
+from gantrysim.cli.terminal import count_bar, say, share_bar, stage, warn
 from gantrysim.glue.bead import Bead
 from gantrysim.job.causes import causes_of
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
-from gantrysim.job.scatter import scatter_of, scatters
-from gantrysim.job.steps import run_notes
+from gantrysim.job.scatter import scatter_of
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
+from gantrysim.report.answer import Answer
 from gantrysim.report.folder import CARD, PLOTS, REPORT, VIDEO, write_run, write_summary
 from gantrysim.report.headline import headline
-from gantrysim.report.scatter import SCATTER_NOTE
+from gantrysim.report.summary import sections_in_text
 from gantrysim.results.checks import FAIL, PASS
+from gantrysim.results.glue_causes import glue_causes_of
 from gantrysim.results.run_results import RunResults
-from gantrysim.results.verdict import Verdict
 
 if TYPE_CHECKING:
     from gantrysim.report.answer import Changes
+    from gantrysim.report.figures import Figures
 
 _LONG_RUN = "the run is long"
 
@@ -45,6 +47,7 @@ class Wanted(NamedTuple):
         report: report.html and the plots.
         fail_on: verdict from which on the command fails, "fail" or "warn"; None for none.
         improve: what to change in the job; None for where causes are looked for by default.
+        verbose: whether everything is printed.
     """
 
     causes: bool | None
@@ -53,6 +56,7 @@ class Wanted(NamedTuple):
     report: bool
     fail_on: str | None = None
     improve: bool | None = None
+    verbose: bool = False
 
     def refuses(self, state: str) -> bool:
         """Return whether the command fails with a verdict."""
@@ -83,6 +87,7 @@ class Evaluation:
         go_on: raises an interrupt that has come; called after an error, which may be one in disguise.
 
     Attributes:
+        wanted: what the caller asks for.
         results: what is known so far.
         failed: why files are missing, each in a line.
     """
@@ -96,8 +101,9 @@ class Evaluation:
         self.results = RunResults(job, job.built_machine, budget, bead)
         self.failed: list[str] = []
         self._changes: Changes | None = None
+        self._figures: dict[str, Figures] | None = None
         self._record = record
-        self._wanted = wanted
+        self.wanted = wanted
         self._go_on = go_on
 
     def write_record(self, folder: Path) -> None:
@@ -105,63 +111,106 @@ class Evaluation:
         with stage("record"):
             write_run(folder, self.results)
 
-    def show(self) -> None:
-        """Print verdict and tables, first those of the record alone, then those that need further runs of the job."""
-        results = self.results
-        job = results.job
+    def find(self) -> None:
+        """Print the verdict, run the job again for what is wanted of it, and print what spoils it."""
         record = self._record
-        budget = results.budget
-        # computed at their first use
-        with stage("figures"):
-            verdict = results.verdict
-            tables = (
-                links_table(job.name, results.machine, budget),
-                outcome_table(budget.analysis, results.bead_values, job.margins, results.dots),
-            )
-        show_verdict(verdict)
-        for table in tables:
-            show(table)
+        with stage("verdict"):
+            answer = Answer.of(self.results)
+        show_verdict(answer)
         if record.injected:
             self._find_losses()
         self._find_causes()
-        if self._wanted.repeat is not None and record.fault is None:
-            self._find_scatter(self._wanted.repeat)
-        elif record.fault is None and scatters(job):
-            say(SCATTER_NOTE, wrap=True)
-        say(headline(budget, self.results.causes), wrap=True)
-        say(f"servo: {job.servo_reason}", wrap=True)
-        for note in run_notes(job, record):
-            say(f"note: {note}")
-        self._find_changes()
+        if self.wanted.repeat is not None and record.fault is None:
+            self._find_scatter(self.wanted.repeat)
+        show_cause(headline(self.results))
+
+    def show_details(self) -> None:
+        """Print every aspect of the run that is known."""
+        sections = {name: section.content() for name, section in sections_in_text(self.results, self._changes)}
+        for name in ASPECTS:
+            show_aspect(name, self.results, sections)
 
     def write(self, folder: Path) -> None:
         """Write the summary with all that is known, and what is drawn; that may fail, the film comes last."""
         results = self.results
         write_summary(folder, results)
-        page = None
-        if self._wanted.report:
-            from gantrysim.report.answer import Answer
-            from gantrysim.report.card import save_card
+        if self.wanted.report:
             from gantrysim.report.figures import figures_ahead
-            from gantrysim.report.page import run_page, sections_with_figures
+            from gantrysim.report.page import sections_with_figures
             from gantrysim.report.plots import save_plots
 
-            figures = None
             # what fails is drawn again, where its error is reported
             with suppress(Exception), share_bar("figures", self._go_on) as advance:
-                figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)
+                self._figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)
             with self._optional("plot"), share_bar("plots", self._go_on) as advance:
                 save_plots(results.budget, folder / PLOTS, results.bead, progress=advance, only_missing=True)
-            with self._optional("card"):
-                save_card(folder / CARD, results, Answer.of(results, self._changes and self._changes.remedy))
-            with self._optional("report"), share_bar("page", self._go_on) as advance:
-                video = folder / VIDEO if self._wanted.video else None
-                page = run_page(results, video, advance, self._changes, figures)
-        if self._wanted.video:
+        self._write_card(folder)
+        if self.wanted.video:
             self._film(folder)
-        if page is not None:
-            with self._optional("report"):
-                page.write(folder / REPORT)
+        self._write_page(folder, folder / VIDEO)
+
+    def _write_card(self, folder: Path) -> None:
+        if not self.wanted.report:
+            return
+        from gantrysim.report.card import save_card
+
+        remedy = None if self._changes is None else self._changes.remedy
+        with self._optional("card"):
+            save_card(folder / CARD, self.results, Answer.of(self.results, remedy))
+
+    def _write_page(self, folder: Path, video: Path) -> None:
+        if not self.wanted.report:
+            return
+        from gantrysim.report.page import run_page
+
+        film = video if self.wanted.video else None
+        with self._optional("report"), share_bar("page", self._go_on) as advance:
+            run_page(self.results, film, advance, self._changes, self._figures).write(folder / REPORT)
+
+    def propose(self, folder: Path) -> bool:
+        """Simulate what may improve the two worst rows of a verdict that is no pass; return whether that is wanted.
+
+        Args:
+            folder: of the run, as it is printed.
+        """
+        results = self.results
+        is_default = self.wanted.improve is None
+        wanted = self.wanted.improve is not False and results.verdict.state != PASS
+        if not wanted or _reason_to_skip(results.job, results.budget, is_default=is_default):
+            return False
+        from gantrysim.remedy.improve import improve, worst_rows
+        from gantrysim.remedy.outcome import Outcome
+        from gantrysim.remedy.report import found_changes
+
+        with count_bar("improve") as advance:
+
+            def progress(done: int, known: int, name: str) -> None:
+                self._go_on()
+                advance(done, known, name)
+
+            improvement = improve(
+                results.job,
+                rows=worst_rows(Outcome(results.verdict)),
+                causes=results.causes,
+                budget=results.budget,
+                fastest=False,
+                progress=progress,
+            )
+        self._changes = found_changes(improvement)
+        show_change(asdict(self._changes.remedy), str(folder))
+        return True
+
+    def write_proposal(self, scratch: Path, folder: Path) -> None:
+        """Write summary, card and page again, with what to change.
+
+        Args:
+            scratch: folder to write to.
+            folder: of the run, where the film is.
+        """
+        write_summary(scratch, self.results, self._changes)
+        if not self.failed:
+            self._write_card(scratch)
+            self._write_page(scratch, expanded(folder) / VIDEO)
 
     def _film(self, folder: Path) -> None:
         from gantrysim.render import NoOpenGLError, save_video
@@ -188,7 +237,7 @@ class Evaluation:
                 warn(f"no video: {error}")
 
     def _find_losses(self) -> None:
-        """Run the job without its deliberate faults, and print what they cost."""
+        """Run the job without its deliberate faults, to find what they cost."""
         job = self.results.job
         with share_bar("simulate without faults", self._go_on) as advance:
             healthy = job.without_faults().run(advance)
@@ -196,59 +245,28 @@ class Evaluation:
         if bead is not None and healthy.dispense.any():
             losses = Losses.of(bead, Bead(healthy, job.bead))
             self.results = replace(self.results, losses=losses)
-            show(losses_table(self._record, losses))
 
     def _find_causes(self) -> None:
-        """Run the job without one cause of error at a time, and print what each is worth."""
-        if self._wanted.causes is False:
+        """Run the job without one cause of error at a time, to find what each is worth."""
+        if self.wanted.causes is False:
             return
-        is_default = self._wanted.causes is None
+        is_default = self.wanted.causes is None
         reason = _reason_to_skip(self.results.job, self.results.budget, is_default=is_default)
         if reason:
             say(f"causes skipped: {reason}{'; --causes finds them' if reason == _LONG_RUN else ''}")
         else:
             with share_bar("causes", self._go_on) as advance:
                 causes = causes_of(self.results.job, progress=advance, budget=self.results.budget)
-            self.results = replace(self.results, causes=causes)
-            show(causes_table(causes))
+            bead = self.results.bead
+            with stage("causes of the glue's error"):
+                glue_causes = None if bead is None else glue_causes_of(self.results.job, bead)
+            self.results = replace(self.results, causes=causes, glue_causes=glue_causes)
 
     def _find_scatter(self, repeat: int) -> None:
-        """Run the job again with other zeros of its encoders, and print how far its figures scatter."""
+        """Run the job again with other zeros of its encoders, to find how far its figures scatter."""
         with share_bar("repeat", self._go_on) as advance:
             scatter = scatter_of(self.results.job, repeat, record=self._record, progress=advance)
         self.results = replace(self.results, scatter=scatter)
-        show(scatter_table(scatter))
-
-    def _find_changes(self) -> None:
-        """Simulate what may improve the two worst rows of a verdict that is no pass, and print what to change."""
-        verdict = self.results.verdict
-        job = self.results.job
-        is_default = self._wanted.improve is None
-        wanted = self._wanted.improve is not False and verdict.state != PASS
-        if not wanted or _reason_to_skip(job, self.results.budget, is_default=is_default):
-            return
-        from gantrysim.cli.improve import show_changes
-        from gantrysim.remedy.improve import improve, worst_rows
-        from gantrysim.remedy.outcome import Outcome
-        from gantrysim.remedy.report import found_changes
-
-        results = self.results
-        with count_bar("improve") as advance:
-
-            def progress(done: int, known: int, name: str) -> None:
-                self._go_on()
-                advance(done, known, name)
-
-            improvement = improve(
-                results.job,
-                rows=worst_rows(Outcome(results.verdict)),
-                causes=results.causes,
-                budget=results.budget,
-                fastest=False,
-                progress=progress,
-            )
-        self._changes = found_changes(improvement)
-        show_changes(improvement)
 
     @contextmanager
     def _optional(self, kind: str) -> Iterator[None]:
@@ -258,11 +276,3 @@ class Evaluation:
         except Exception as error:
             self._go_on()
             self.failed.append(f"no {kind}: {text_of(error)}")
-
-
-def show_verdict(verdict: Verdict) -> None:
-    """Print the verdict; of a run that ended in a fault, what happened."""
-    if verdict.unjudged:
-        say(str(verdict), wrap=True)
-    else:
-        show(verdict_table(verdict))

@@ -27,8 +27,6 @@ from gantrysim.cli.options import (
 from gantrysim.cli.terminal import FAULT, count_bar, interruptible, say, show
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from gantrysim.remedy.improvement import Improvement
 
 Apply = Annotated[
@@ -66,7 +64,6 @@ OnlyLevers = Annotated[
 ]
 
 _JOB_SUFFIX = ".toml"
-_LONGEST_WORD = 12  # of the levers, "compensation"
 
 
 def improve(
@@ -194,67 +191,15 @@ def _file_of_job(file: Path) -> Path:
 
 
 def _show(improvement: Improvement) -> None:
+    from gantrysim.cli.show import show_section
     from gantrysim.cli.tables import verdict_table
+    from gantrysim.remedy.report import change_section
 
     if improvement.verdict.unjudged:
         say(str(improvement.verdict), wrap=True)
         say(improvement.sentence, wrap=True)
         return
     show(verdict_table(improvement.verdict))
-    show_changes(improvement)
-
-
-def show_changes(improvement: Improvement) -> None:
-    """Print what each lever gains, the best combination with its verdict, and the lines to paste."""
-    from gantrysim.cli.tables import verdict_table
-
-    if improvement.trials:
-        show(levers_table(improvement))
-    for reason, names in improvement.untried.items():
-        say(f"not tried, as {reason}: {names}", wrap=True)
-    say(improvement.sentence, wrap=True)
-    if improvement.fastest is not None:
-        say(str(improvement.fastest), wrap=True)
-    if improvement.note:
-        say(improvement.note, wrap=True)
-    if improvement.by_place is not None:
-        say(improvement.by_place_sentence, wrap=True)
+    show_section(change_section(improvement).content())
     if improvement.changes_anything:
-        for gain in improvement.gains:
-            say(gain, wrap=True)
         show(verdict_table(improvement.improved))
-    for place, text in improvement.lines.items():
-        say(f"for the {place}:", wrap=True)
-        say(text.rstrip())
-
-
-def levers_table(improvement: Improvement) -> Table:
-    """Return what each lever gains, a row per setting, and the best combination at the end."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    from gantrysim.remedy.improvement import USAGE_NOTE
-
-    table = Table(
-        title="levers, each simulated alone",
-        title_justify="left",
-        caption=USAGE_NOTE,
-        caption_justify="left",
-        box=None,
-        padding=(0, 1, 0, 0),
-    )
-    texts = ("lever", "setting", "cost")
-    for head in improvement.heads:
-        if head in texts:
-            table.add_column(escape(head), min_width=_LONGEST_WORD, overflow="fold")
-        else:
-            table.add_column(escape(head), justify="right", no_wrap=True)
-    best = len(improvement.rows) - len(improvement.combination)
-    previous = ""
-    for k, (name, *cells, cost) in enumerate(improvement.rows):
-        if k in (1, best):
-            table.add_section()
-        is_new = name != previous
-        table.add_row(escape(name) if is_new else "", *map(escape, cells), escape(cost) if is_new else "")
-        previous = name
-    return table

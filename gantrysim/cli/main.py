@@ -28,6 +28,7 @@ from gantrysim.cli.options import AllowCode
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.replay import replay
 from gantrysim.cli.run import run
+from gantrysim.cli.show import show_run
 from gantrysim.cli.study import study_app
 from gantrysim.cli.terminal import INPUT_ERROR, interruptible, show, spell_out, tell_compiling, warn
 from gantrysim.cli.tune import tune
@@ -44,6 +45,8 @@ class _Commands(TyperGroup):
         super().__init__(*arguments, **named)
         for command in _below(self):
             command.make_context = signals.deferred()(command.make_context)
+            # typer wraps the lines of a paragraph again
+            command.help = "\n\n".join(" ".join(part.split()) for part in (command.help or "").split("\n\n"))
 
     def make_context(self, *arguments: Any, **named: Any) -> Any:
         with _reported_errors(), signals.deferred():
@@ -80,6 +83,7 @@ app.add_typer(study_app, name="study")
 app.add_typer(machine_app, name="machine")
 app.add_typer(identify_app, name="identify")
 app.command()(run)
+app.command("show")(show_run)
 app.command()(check)
 app.command()(improve)
 app.command()(tune)

@@ -57,6 +57,11 @@ FailOn = Annotated[
     typer.Option(help="Exit with status 4 if the verdict is fail; with warn, also if it is a warning."),
 ]
 
+Verbose = Annotated[
+    bool,
+    typer.Option("--verbose", "-v", help="Print everything: error budget, figures, causes, notes and levers."),
+]
+
 
 def run(
     job: Annotated[str, typer.Argument(help="Built-in job, TOML file, or program file.")] = "an225",
@@ -80,6 +85,7 @@ def run(
     allow_code: AllowCode = False,
     with_report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
     fail_on: FailOn = None,
+    verbose: Verbose = False,
 ) -> None:
     """Simulate a job, print verdict, error budget and causes, and write record, summary, plots, report and video.
 
@@ -122,7 +128,7 @@ def run(
     if shortfall:
         warn(f"note: {shortfall}")
     folder = out if out is not None else Path("out") / loaded.name
-    simulate_and_show(loaded, folder, Wanted(causes, repeat, video, with_report, fail_on, improve))
+    simulate_and_show(loaded, folder, Wanted(causes, repeat, video, with_report, fail_on, improve, verbose))
 
 
 def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
@@ -167,6 +173,8 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
     for text in failed:
         warn(text, "error")
     say(f"written to {folder}/: {', '.join(written)}")
+    if evaluation is not None and not wanted.verbose:
+        say(f"more: gantrysim show {folder} budget causes figures levers notes", wrap=True)
     if REPORT in written:
         say(str(folder / REPORT))
     fault = str(record.fault) if record.fault is not None else evaluation.results.verdict.stall if evaluation else ""
@@ -180,22 +188,27 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
 
 
 def _show_and_draw(evaluation: Evaluation, folder: Path) -> None:
-    """Print the results of a run whose record is written, and write what is drawn of it.
+    """Print the results of a run whose record is written, write what is drawn of it, and look for what to change.
 
     Raises:
-        KeyboardInterrupt: an interrupt, which leaves record and summary.
+        KeyboardInterrupt: an interrupt, which leaves what is written.
     """
     from gantrysim.base.files import ReplacedError
-    from gantrysim.report.folder import SHOWN_OUTPUT
+    from gantrysim.report.folder import CHANGED_OUTPUT, SHOWN_OUTPUT
 
     try:
+        evaluation.find()
         with SHOWN_OUTPUT.written(folder) as scratch:
-            evaluation.show()
             evaluation.write(scratch)
+        if evaluation.propose(folder):
+            with CHANGED_OUTPUT.written(folder) as scratch:
+                evaluation.write_proposal(scratch, folder)
+        if evaluation.wanted.verbose:
+            evaluation.show_details()
     except ReplacedError:
         raise
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the run is complete, its record and summary are in {folder}/") from None
+        raise KeyboardInterrupt(f"the run is complete, what is known of it is in {folder}/") from None
 
 
 def _show_early_fault(record: Run) -> None:

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.base.quantity import Quantity, number_text
+from gantrysim.cli.terminal import joined
 from gantrysim.glue.bead import BeadValues
-from gantrysim.job.causes import TITLE, Causes, cell_text
-from gantrysim.job.losses import Losses, events
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.plan import Plan
-from gantrysim.job.scatter import Scatter
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import END_POINT, FOLLOWING
 from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, PartValues
-from gantrysim.record.run import Run
 from gantrysim.report.rows import bead_notes, bead_rows, dot_rows, motion_rows
-from gantrysim.report.scatter import HEADS, remark_of, rows_of
-from gantrysim.report.scatter import TITLE as SCATTER
 from gantrysim.results.dots import DotVerdict
 from gantrysim.results.verdict import Verdict
 from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN
@@ -75,37 +70,8 @@ def verdict_table(verdict: Verdict) -> Table:
     table.add_column(no_wrap=True)
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
-    for row in verdict.rows:
-        for k, text in enumerate(row.texts):
-            heads = (f"{row.symbol} {row.state}", row.name) if k == 0 else ("", "")
-            table.add_row(*heads, escape(text))
-    return table
-
-
-def scatter_table(scatter: Scatter) -> Table:
-    """Return the scatter of a job's figures, a row per figure."""
-    table = Table(title=escape(SCATTER), title_justify="left", caption=remark_of(scatter), caption_justify="left")
-    for head in HEADS:
-        table.add_column(head, justify="left" if head in HEADS[:2] else "right", no_wrap=True)
-    for row in rows_of(scatter):
-        table.add_row(*map(escape, row))
-    return table
-
-
-def causes_table(causes: Causes) -> Table:
-    """Return what each cause of the error is worth, a row per cause."""
-    table = Table(title=escape(TITLE), title_justify="left", box=None, padding=(0, 1, 0, 0))  # wide: without lines
-    rows = [(name, *map(cell_text, cells)) for name, cells in causes.rows]
-    for head, column in zip(causes.heads, zip(*rows, strict=True), strict=True):
-        side: Literal["left", "right"] = "left" if head == causes.heads[0] else "right"
-        table.add_column(
-            head, justify=side, overflow="fold", min_width=max(map(len, column))
-        )  # heads fold, not numbers
-    for row in rows:
-        table.add_row(*row)
-    table.caption = "worth: rms with the cause minus rms without it, negative where it offsets others; gains stay, "
-    table.caption += "\n".join(["effects do not add up", *map(escape, causes.notes)])
-    table.caption_justify = "left"
+    for head, name, text in verdict.cells:
+        table.add_row(head, name, escape(joined(text)))
     return table
 
 
@@ -133,16 +99,6 @@ def outcome_table(
         for row in (*bead_rows(bead), *bead_notes(bead)):
             table.add_row(*row)
     for row in dot_rows(dots):
-        table.add_row(*row)
-    return table
-
-
-def losses_table(run: Run, losses: Losses) -> Table:
-    """Return the deliberate faults of a run, what the supervision did, and what they cost."""
-    table = Table.grid(padding=(0, 2))
-    table.title = "deliberate faults\n" + escape("\n".join(events(run)))
-    table.title_justify = "left"
-    for row in losses.rows:
         table.add_row(*row)
     return table
 

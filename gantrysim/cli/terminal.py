@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import codecs
+import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
+from textwrap import wrap as wrapped_lines
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rich.cells import cell_len
 from rich.console import Console, RenderableType
@@ -18,7 +20,6 @@ from rich.markup import escape
 from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
-    MofNCompleteColumn,
     Progress,
     ProgressColumn,
     TextColumn,
@@ -52,6 +53,13 @@ _PLAIN = str.maketrans(
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(7), *range(14, 32), *range(127, 160))}
 
 _WIDEST = 10_000  # characters of a table
+_LONGEST_CELL = 16  # characters of a cell of a table that does not wrap
+# stands for a space at which no line ends: a letter of the user's own, as rich breaks lines at no-break spaces too
+_JOINT = "\ue000"
+_UNITS = "µm|mm/s²|mm/s|mm²|mm³|mm|ms|µs|s|Hz|kHz|deg|%|N·m|rms|kB|MB"
+_NO_BREAK = re.compile(rf"(?<=[\d∞]) (?=(?:{_UNITS})(?![\w/]))|(?<=[×±]) (?=\d)|(?<=\w) (?== -?\d)|(?<= =) (?=-?\d)")
+# spaces at the end of a line, before the codes that end its colours
+_TRAILING = re.compile(r" +((?:\x1b\[[0-9;]*m)*)$", re.MULTILINE)
 # without emoji, as mine.py:Ring: in a message is no picture of a ring
 _output = Console(soft_wrap=False, emoji=False)
 _messages = Console(stderr=True, emoji=False)
@@ -74,12 +82,39 @@ def spell_out() -> None:
 
 def plain_table(content: PageTable) -> Table:
     """Return a table of a page for the terminal."""
-    table = Table(title=escape(content.caption or ""), title_justify="left", box=None, padding=(0, 1, 0, 0))
-    for head, numeric in zip(content.heads, content.numeric, strict=True):
-        table.add_column(escape(head.replace(", ", "\n")), justify="right" if numeric else "left", no_wrap=True)
-    for row in content.cells:
-        table.add_row(*map(escape, row))
+    return text_table(content.heads, content.cells, content.numeric, content.caption or "")
+
+
+def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], title: str) -> Table:
+    """Return a table of texts for the terminal; columns of prose wrap."""
+    table = Table(title=escape(title), title_justify="left", box=None, padding=(0, 1, 0, 0))
+    for k, (head, is_number) in enumerate(zip(heads, numeric, strict=True)):
+        is_prose = not is_number and is_prose_column(rows, k)
+        justify: Literal["left", "right"] = "right" if is_number else "left"
+        # a head stands above its unit
+        parts = head.replace(" [", "\n[").split("\n")
+        lines = [line for part in parts for line in wrapped_lines(part, _LONGEST_CELL, break_long_words=False)]
+        table.add_column(escape("\n".join(lines)), justify=justify, no_wrap=not is_prose)
+    for row in rows:
+        table.add_row(*(escape(joined(cell)) for cell in row))
     return table
+
+
+def is_prose_column(rows: Sequence[Sequence[str]], column: int) -> bool:
+    """Return whether a column of a table has cells that wrap."""
+    return any(len(row[column]) > _LONGEST_CELL for row in rows)
+
+
+def columns() -> int:
+    """Return the width of the terminal in characters."""
+    return _output.width
+
+
+def fits(content: RenderableType) -> bool:
+    """Return whether a table fits the terminal with its longest words whole."""
+    if isinstance(content, Table):
+        _keep_words(content)
+    return _least_width(content) <= _output.width
 
 
 def show(content: RenderableType) -> None:
@@ -94,8 +129,7 @@ def show(content: RenderableType) -> None:
             content.padding = (0, 1, 0, 0)
         _widen_columns(content, _output.width - _least_width(content))
     width = _least_width(content)
-    console = _output if width <= _output.width else Console(width=width, emoji=False)
-    console.print(content, crop=False)
+    _write(content, _output if width <= _output.width else Console(width=width, emoji=False), crop=False)
 
 
 def _least_width(content: RenderableType) -> int:
@@ -135,7 +169,21 @@ def _longest(column: RichColumn, wrapped: bool) -> int:
 
 def say(text: str, *, wrap: bool = False, end: str = "\n") -> None:
     """Print a text without markup, wrapped at the terminal's width where it is prose that no program reads."""
-    _output.print(escape(text.translate(_CONTROLS)), soft_wrap=not wrap, highlight=False, end=end)
+    plain = text.translate(_CONTROLS)
+    _write(escape(joined(plain)) if wrap else escape(plain), _output, soft_wrap=not wrap, highlight=False, end=end)
+
+
+def joined(text: str) -> str:
+    """Return a text whose numbers stay on a line with their units and names when it is wrapped."""
+    return _NO_BREAK.sub(_JOINT, text)
+
+
+def _write(content: RenderableType, console: Console, **options: Any) -> None:
+    """Write what a console makes of a renderable to the standard output, without spaces at the ends of lines."""
+    with console.capture() as capture:
+        console.print(content, **options)
+    _output.file.write(_TRAILING.sub(r"\1", capture.get()).replace(_JOINT, " "))
+    _output.file.flush()
 
 
 def warn(text: str, kind: str = "") -> None:
@@ -163,10 +211,13 @@ def share_bar(task: str, go_on: Callable[[], None] = lambda: None) -> Iterator[C
     """
     with _bars(TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn()) as bars:
         bar = bars.add_task(task, total=1.0)
+        most = 0.0
 
         def advance(share: float) -> None:
+            nonlocal most
             go_on()
-            bars.update(bar, completed=share)
+            most = max(most, share)
+            bars.update(bar, completed=most)
 
         yield advance
 
@@ -174,10 +225,18 @@ def share_bar(task: str, go_on: Callable[[], None] = lambda: None) -> Iterator[C
 @contextmanager
 def count_bar(task: str) -> Iterator[Callable[[int, int, str], None]]:
     """Show a progress bar during the block; yields a function to call with number done, total and a short status."""
-    columns = (MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    with _bars(*columns, TextColumn("{task.fields[news]}")) as bars:
-        bar = bars.add_task(task, total=None, news="")
-        yield lambda done, every, news: bars.update(bar, completed=done, total=every, news=news)
+    columns = (TextColumn("{task.fields[count]}"), TimeElapsedColumn(), TextColumn("{task.fields[news]}"))
+    with _bars(*columns) as bars:
+        bar = bars.add_task(task, total=None, count="", news="")
+        most = 0.0
+
+        def advance(done: int, every: int, news: str) -> None:
+            # the number known to be left grows while it runs: the bar then waits, and does not go back
+            nonlocal most
+            most = max(most, done / every if every else 0.0)
+            bars.update(bar, completed=most, total=1.0, count=f"{done} of {every}", news=news)
+
+        yield advance
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, OptionalColumn
 from gantrysim.base.display import Shown
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded, wrong_type
 from gantrysim.base.files import replaced_file
 from gantrysim.base.input_files import opened_file
 from gantrysim.base.progress import Progress
@@ -330,11 +330,12 @@ def _writable(array: NDArray[Any]) -> bool:
 
 
 def check_run(value: Any) -> None:
-    """Raise InputError for values often mistaken for a run: a file or folder, or a job."""
-    advice = ""
+    """Raise InputError for anything but a run, with what to write instead of a file, a folder or a job."""
+    if isinstance(value, Run):
+        return
+    advice = "gantrysim.simulate(machine, servo, setpoints) and gantrysim.Job.load(file).run() return one"
     if isinstance(value, str | os.PathLike):
         advice = "a record is read by gantrysim.Run.load"
-    elif not isinstance(value, Run) and callable(getattr(value, "run", None)):  # a job
+    elif not isinstance(value, type) and callable(getattr(value, "run", None)):  # a job
         advice = "write .run() behind it"
-    if advice:
-        raise InputError(f"run is of type {type(value).__name__}: must be a Run; {advice}")
+    raise wrong_type("run", value, "a Run", advice)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, shown_gains
 from gantrysim.results.checks import FAIL
+from gantrysim.results.glue_causes import without_dead_time, without_lag
 from gantrysim.results.row import Row
 from gantrysim.results.score import row_burden, usage_of, usages_of
 from gantrysim.results.verdict import GLUE, PATH, STABILITY, Verdict
@@ -36,9 +37,6 @@ if TYPE_CHECKING:
 # What keeps a row of the verdict from passing: a link of the chain, or the dispenser.
 
 _PLOUGHED = "bead_ploughed"  # name of the check
-_TIMES = ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance")
-_AT_ONCE: dict[str, Any] = dict.fromkeys(_TIMES, 0.0)
-_OF_KINDS = ("pump", "piston", "motor", "jet")
 
 
 def bound_of(job: Job, outcome: Outcome, row: str) -> str:
@@ -72,7 +70,7 @@ def _ploughed_reason(outcome: Outcome) -> str:
 
 def _glue_bound(job: Job) -> str:
     dispenser = job.dispenser
-    instant = job.model_copy(update={"dispenser": _at_once(dispenser)})
+    instant = job.model_copy(update={"dispenser": without_lag(without_dead_time(dispenser))})
     if _glue_passes(instant, job):
         return f"the dispenser, {_lag_text(dispenser)}"
     if _glue_passes(job, job, follow=True):
@@ -89,15 +87,6 @@ def _glue_passes(job: Job, base: Job, *, follow: bool = False) -> bool:
         return run.fault is None and row_burden(Verdict.of(shared, run)[GLUE]) == 0
     except GantryError:
         return False
-
-
-def _at_once(dispenser: Dispenser) -> Dispenser:
-    """Return a dispenser that follows the same command at once."""
-    changes: dict[str, Any] = {**_AT_ONCE, **dict.fromkeys(_OF_KINDS), "kind": VALVE}
-    if dispenser.per_e and not dispenser.filament:
-        # also of a piston, whose stroke E is
-        changes["e_volume"] = dispenser.per_e
-    return replace(dispenser, **changes)
 
 
 def _lag_text(dispenser: Dispenser) -> str:

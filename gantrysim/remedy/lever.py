@@ -13,6 +13,7 @@ from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY
 
 ROWS = (PATH, GLUE, STABILITY, MACHINE)
+FREE = "none"  # cost of a lever
 
 
 class Effort(IntEnum):

@@ -11,7 +11,8 @@ from gantrysim.compare.runs.runs_page import RunComparison, checks_table, compar
 from gantrysim.job.job import Job
 from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.improve import improve, worst_rows
-from gantrysim.remedy.improvement import USAGE, Improvement, names_of
+from gantrysim.remedy.improvement import USAGE, Improvement, names_of, options
+from gantrysim.remedy.lever import FREE
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.report.answer import Changes, Remedy
 from gantrysim.report.document import Section, Table
@@ -65,6 +66,7 @@ def change_section(improvement: Improvement) -> Section:
         rows = [improvement.rows[0], *improvement.trial_rows]
         title = f"Each lever alone: {len(improvement.trials)} runs"
         tables.append(Table(improvement.heads, rows, _caption(USAGE), folded=title))
+    texts += [f"Not tried, as {reason}: {names}." for reason, names in improvement.untried.items()]
     lines = "\n".join(f"# {place}\n{text.rstrip()}\n" for place, text in improvement.lines.items())
     return Section(TITLE, texts, table=tables or None, code=lines or None)
 
@@ -72,18 +74,29 @@ def change_section(improvement: Improvement) -> Section:
 def remedy_of(improvement: Improvement) -> Remedy:
     """Return what to change for the first screen: the levers, the lines to paste, and the verdict that they lead to."""
     if not improvement.changes_anything:
-        return Remedy(_caption(improvement.sentence))
+        return Remedy(_caption(improvement.sentence), sentence=improvement.sentence)
     after = improvement.improved
-    costs = "; ".join(dict.fromkeys(trial.lever.cost for trial in improvement.combination if trial.lever.cost))
+    costs = "; ".join(dict.fromkeys(trial.lever.cost for trial in improvement.combination if trial.lever.cost != FREE))
     before, now = (f"{outcome.duration:.2f} s" for outcome in (improvement.before, improvement.after))
     time = f"{now}, as before" if before == now else f"{now} instead of {before}"
-    outcome = f"{after.headline}; {time}"
+    remains = "" if after.worst_check is None else f", {after.worst_check.brief}"
+    outcome = f"{after.headline}{remains}; {time}"
     lines = improvement.lines
     return Remedy(
         _caption(f"{names_of(improvement.combination)}."),
         f"{outcome}. Costs: {costs}." if costs else f"{outcome}.",
         lines.get("job file") or lines.get("command line", ""),
+        tuple(options(improvement.base, improvement.job)),
+        improvement.sentence,
+        _values(improvement),
     )
+
+
+def _values(improvement: Improvement) -> str:
+    """Return the worst values after the changes of the rows that do not pass without them, or with them."""
+    bad = [row.name for row in improvement.verdict.rows if row.state != PASS]
+    rows = [row for row in improvement.improved.rows if row.checks and (row.name in bad or row.state != PASS)]
+    return "; ".join(f"{row.name}: {row.checks[0].brief}" for row in rows)
 
 
 def _caption(text: str) -> str:

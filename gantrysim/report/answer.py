@@ -7,11 +7,11 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from gantrysim.report.headline import cause_sentences
-from gantrysim.results.checks import PASS, Place
+from gantrysim.report.headline import cause_sentences, glue_sentences
+from gantrysim.results.checks import PASS
 from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
-from gantrysim.results.verdict import PATH
+from gantrysim.results.verdict import GLUE, PATH
 
 if TYPE_CHECKING:
     from gantrysim.report.document import Section
@@ -25,11 +25,17 @@ class Remedy:
         change: what to change, in words.
         outcome: the verdict on the changed job, its time and its cost, in words.
         lines: to paste into the job's file, or a command line; empty where nothing is to be changed.
+        options: for the command line, after those with which the job was loaded; none where they cannot express it.
+        sentence: whether the verdict is then a pass, and what remains otherwise.
+        values: worst values, with the changes, of the rows that do not pass without them.
     """
 
     change: str
     outcome: str = ""
     lines: str = ""
+    options: tuple[str, ...] = ()
+    sentence: str = ""
+    values: str = ""
 
 
 @dataclass(frozen=True)
@@ -96,12 +102,7 @@ def _row(row: Row) -> AnswerRow:
     worst = row.worst_check or next(iter(row.checks), None)
     if worst is None or row.fails_without_check:
         return AnswerRow(row.state, row.symbol, row.name, row.remark)
-    return AnswerRow(row.state, row.symbol, row.name, worst.brief, brief_place(worst.place))
-
-
-def brief_place(place: Place) -> str:
-    """Return axis, time and program line of a place, without its coordinates, which the picture shows."""
-    return str(Place(place.axis, place.time, None, place.line))
+    return AnswerRow(row.state, row.symbol, row.name, worst.brief, worst.place.brief)
 
 
 def _spoilt(results: RunResults) -> str:
@@ -111,6 +112,8 @@ def _spoilt(results: RunResults) -> str:
         return ""
     if row.name == PATH and results.causes is not None:
         return " ".join(cause_sentences(results.causes))
+    if row.name == GLUE and (sentences := list(glue_sentences(row, results.glue_causes))):
+        return " ".join(sentences)
     check = row.worst_check
     if check is None:
         return f"{row.remark[0].upper()}{row.remark[1:]}."

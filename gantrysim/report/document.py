@@ -96,6 +96,7 @@ class Section:
         table: a table, or several.
         facts: values shown large: name, value with its unit, and a remark.
         video: MP4 file, read when the page is written; without it a section of nothing else is left out.
+        poster: returns a JPEG picture that stands in the film's place until it plays.
         code: preformatted text.
         viewer: content of the page's viewer as JSON, see `gantrysim.report.viewer_data`; one section of a page at most.
         in_space: whether the viewer has a 3-D view, whose script is twice as large as the rest.
@@ -110,6 +111,7 @@ class Section:
     table: Table | Sequence[Table] | None = None
     facts: Sequence[tuple[str, str, str]] = ()
     video: Path | None = None
+    poster: Callable[[], bytes] | None = None
     code: str | None = None
     viewer: str | None = None
     in_space: bool = False
@@ -121,6 +123,21 @@ class Section:
     def has_figures(self) -> bool:
         """Whether there are figures, on a screen or in print."""
         return self.figure is not None or self.still is not None
+
+    def content(self) -> dict[str, Any]:
+        """Return what can be read of it for JSON: paragraphs, facts, tables and code."""
+        text = [self.text] if isinstance(self.text, str) else [*(self.text or ())]
+        tables = [self.table] if isinstance(self.table, Table) else [*(self.table or ())]
+        return {
+            "title": self.title,
+            "text": text,
+            "facts": [list(fact) for fact in self.facts],
+            "tables": [
+                {"caption": table.caption, "heads": table.heads, "rows": table.cells, "numeric": table.numeric}
+                for table in tables
+            ],
+            "code": self.code,
+        }
 
     @property
     def lacks_video(self) -> bool:

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from gantrysim.base.files import replaced_file
@@ -106,8 +105,8 @@ def draw_page(
     return DrawnPage(title, subtitle, drawn, warning, written_on())
 
 
-def _base64(file: Path) -> str:
-    return base64.b64encode(file.read_bytes()).decode("ascii")
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode("ascii")
 
 
 def _with_names(sections: Sequence[Section]) -> Iterator[tuple[str, Section]]:

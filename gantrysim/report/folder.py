@@ -16,6 +16,7 @@ from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import RUN
+from gantrysim.report.answer import Changes
 from gantrysim.report.summary import fault_summary, summary
 from gantrysim.results.run_results import RunResults
 
@@ -95,6 +96,8 @@ class Output:
 RUN_OUTPUT = Output("run", RUN, (JOB, RUN, RECORD, *_RENDERED, *_SHOWN))
 # what is written beside the record of a run, once that is on disk
 SHOWN_OUTPUT = Output("run", RUN, _SHOWN)
+# what is written again once it is known what to change
+CHANGED_OUTPUT = Output("run", RUN, (SUMMARY, REPORT, CARD))
 
 
 # of any study, with its own plots and texts
@@ -120,9 +123,9 @@ def write_run(folder: Path, results: RunResults) -> None:
     _write(folder, results.basis, results.budget.analysis.run, summary(results))
 
 
-def write_summary(folder: Path, results: RunResults) -> None:
-    """Write the summary alone, beside a record that is written."""
-    _write_content(folder, summary(results))
+def write_summary(folder: Path, results: RunResults, changes: Changes | None = None) -> None:
+    """Write the summary alone, beside a record that is written, with what to change in the job if that is known."""
+    _write_content(folder, summary(results, changes))
 
 
 def write_fault(folder: Path, job: Basis, machine: Machine, run: Run) -> None:

@@ -1,13 +1,22 @@
-"""The headline of a run: its contour error, where it lies, and its main cause; or the faults that spoilt it."""
+"""The headline of a run: what spoils it, by how much and where, and its main cause; or the faults that spoilt it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
-from gantrysim.job.causes import Causes, Effect
+from gantrysim.base.quantity import number_text
+from gantrysim.job.causes import Causes
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, LAG
+from gantrysim.results.glue import THROUGH_GLUE
+from gantrysim.results.glue_causes import GlueCauses
+from gantrysim.results.row import Row
+from gantrysim.results.run_results import RunResults
+from gantrysim.results.verdict import GLUE, PATH
+from gantrysim.results.verdict_quantities import PLOUGHED
 
 NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 
@@ -18,9 +27,30 @@ _MOST_OF_SQUARE = 0.5
 _CAUSE = 0.9
 _MAIN_CAUSE = 0.5
 _LEAST_WORTH = 1e-4  # below it effects are numerical noise [mm]
+_LEAST_OF_GLUE = 0.01  # likewise, of the limit or the value
 
 
-def headline(budget: Budget, causes: Causes | None = None) -> str:
+def headline(results: RunResults) -> str:
+    """Return what spoils a run: the worst check of the row that is worst, with its cause; else the contour error.
+
+    Of the path it is `contour_sentence`, as of a run that passes, and of one with faults, which says what happened.
+    """
+    verdict = results.verdict
+    row = verdict.worst_row
+    if row is None or row.name == PATH or verdict.unjudged or verdict.disturbances:
+        return contour_sentence(results.budget, results.causes)
+    check = row.worst_check
+    if check is None:
+        return f"{row.name.capitalize()}: {row.remark}."
+    place = check.place.brief
+    remark = f" {row.remark[0].upper()}{row.remark[1:]}." if row.remark and row.name != GLUE else ""
+    what = f"{row.name.capitalize()}: {check.brief}{f', {place}' if place else ''}.{remark}"
+    if row.name != GLUE:
+        return what
+    return " ".join([what, *glue_sentences(row, results.glue_causes)])
+
+
+def contour_sentence(budget: Budget, causes: Causes | None = None) -> str:
     """Return the contour error with the link that has the largest share, and the error along the path if larger.
 
     Where the causes are known, it names the one that is worth at least half of the error, or says that there is none.
@@ -49,29 +79,74 @@ def cause_sentences(causes: Causes) -> Iterator[str]:
 
     Effects do not add up, so that several causes may be worth half each; the largest is named.
     """
-    known = [effect for effect in causes.effects if effect.worth]
-    failed = [effect.cause.name for effect in causes.effects if not effect.worth]
-    by_worth = sorted(known, key=_share, reverse=True)
-    if by_worth and _share(by_worth[0]) >= _MAIN_CAUSE:
-        main = by_worth[0]
-        kind = "Cause" if _share(main) >= _CAUSE else "Main cause"
-        worth = CONTOUR.text(main.worth["contour"].rms)
-        whole = CONTOUR.text(main.before["contour"].rms)
-        remaining = CONTOUR.text(main.without["contour"].rms)
-        yield f"{kind}: {main.cause.name}, worth {worth} of {whole}; without it {remaining} are left."
-    else:
-        largest = [effect for effect in by_worth[:2] if effect.worth["contour"].rms > _LEAST_WORTH]
-        names = " and ".join(f"{effect.cause.name} ({CONTOUR.text(effect.worth['contour'].rms)})" for effect in largest)
-        remark = f"; worth most: {names}" if names else ""
-        yield f"No single cause is worth half of it{remark}."
-    if failed:
+    worths = [
+        _Worth(effect.cause.name, effect.before["contour"].rms, effect.worth["contour"].rms)
+        for effect in causes.effects
+        if effect.worth
+    ]
+    yield _main_cause(worths, CONTOUR.text, _LEAST_WORTH)
+    if failed := [effect.cause.name for effect in causes.effects if not effect.worth]:
         yield f"Not known, as the run without it failed: {', '.join(failed)}."
 
 
-def _share(effect: Effect) -> float:
-    """Return what a cause is worth of the rms error."""
-    whole = effect.before["contour"].rms
-    return effect.worth["contour"].rms / whole if whole > 0 else 0.0
+def glue_sentences(row: Row, causes: GlueCauses | None) -> Iterator[str]:
+    """Yield what causes the worst value of a row on the glue, where it is known.
+
+    A needle that passes through its bead is no matter of the dispenser: the row's remark says what it does.
+    """
+    check = row.worst_check
+    if check is not None and check.name == PLOUGHED.name:
+        yield f"{row.remark[row.remark.find(THROUGH_GLUE) :].capitalize()}."
+    elif causes is not None:
+        yield from glue_cause_sentences(causes)
+
+
+def glue_cause_sentences(causes: GlueCauses) -> Iterator[str]:
+    """Yield what causes the worst value of the glue, as `cause_sentences`."""
+    check = causes.check
+    if check is None:
+        return
+    worths = [
+        _Worth(effect.cause.name, check.value, causes.worth(effect))
+        for effect in causes.effects
+        if not math.isnan(causes.worth(effect))
+    ]
+    unit = f" {check.unit}" if check.unit else ""
+    yield _main_cause(
+        worths, lambda value: f"{number_text(value, check.form)}{unit}", _LEAST_OF_GLUE * max(check.limit, check.value)
+    )
+    if failed := [effect.cause.name for effect in causes.effects if effect.failure]:
+        yield f"Not known: {', '.join(failed)}."
+
+
+class _Worth(NamedTuple):
+    """What a cause is worth of an error."""
+
+    name: str
+    whole: float
+    worth: float
+
+    @property
+    def share(self) -> float:
+        return self.worth / self.whole if self.whole > 0 else 0.0
+
+
+def _main_cause(worths: Sequence[_Worth], text: Callable[[float], str], least: float) -> str:
+    """Return the sentence on the cause that is worth most.
+
+    Args:
+        worths: of all causes.
+        text: returns a value with its unit.
+        least: worth below which a cause is not named.
+    """
+    by_worth = sorted(worths, key=lambda cause: cause.share, reverse=True)
+    if by_worth and by_worth[0].share >= _MAIN_CAUSE:
+        main = by_worth[0]
+        kind = "Cause" if main.share >= _CAUSE else "Main cause"
+        remaining = text(main.whole - main.worth)
+        return f"{kind}: {main.name}, worth {text(main.worth)} of {text(main.whole)}; without it {remaining} are left."
+    names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in by_worth[:2] if cause.worth > least)
+    return f"No single cause is worth half of it{f'; worth most: {names}' if names else ''}."
 
 
 def _portion(share: float) -> str:

@@ -14,7 +14,7 @@ from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.error_quantities import TORQUE_RIPPLE
 from gantrysim.report.answer import Answer, Changes, Remedy
-from gantrysim.report.causes import causes_section
+from gantrysim.report.causes import causes_section, glue_causes_section
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import DrawnPage, draw_page
 from gantrysim.report.figures import Figures
@@ -45,7 +45,15 @@ from gantrysim.servo.stability.margins import NO_LOOP, Margins
 
 # is it good enough, where and how, what spoils it, what to change
 _STILL = (6.6, 5.2)  # picture of the bead, in print and where scripts do not run [inch]
-_FIRST = ("Verdict", "Deliberate faults", "Bead and path", "Error budget", "Causes", "What to change")
+_FIRST = (
+    "Verdict",
+    "Deliberate faults",
+    "Bead and path",
+    "Error budget",
+    "Causes",
+    "Causes of the glue's error",
+    "What to change",
+)
 
 
 def in_order(sections: Iterable[Section]) -> list[Section]:
@@ -59,14 +67,9 @@ def in_order(sections: Iterable[Section]) -> list[Section]:
 def verdict_section(results: RunResults, remedy: Remedy | None = None) -> Section:
     """Return the section of the verdict, the page's first screen: the answer beside the bead, and all checks folded."""
     verdict = results.verdict
-    rows = [
-        [f"{row.symbol} {row.state}" if k == 0 else "", row.name if k == 0 else "", text]
-        for row in verdict.rows
-        for k, text in enumerate(row.texts)
-    ]
     caption = "A value above 80 % of its limit is a warning; limits are given by [tolerance] in the job, or defaults"
     heads = ["verdict", "of", "worst value and its limit"]
-    table = None if verdict.unjudged else Table(heads, rows, caption, folded="All values and limits")
+    table = None if verdict.unjudged else Table(heads, verdict.cells, caption, folded="All values and limits")
     return Section(
         "Verdict", table=table, still=drawn_plot(draw_laid, results, *_STILL), answer=Answer.of(results, remedy)
     )
@@ -240,6 +243,8 @@ def run_sections(results: RunResults, video: Path | None = None, changes: Change
     yield budget_section(results)
     if results.causes is not None:
         yield causes_section(results.causes)
+    if results.glue_causes is not None:
+        yield glue_causes_section(results.glue_causes)
     if changes is not None:
         yield changes.section
     if results.scatter is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -17,9 +18,10 @@ from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG, LAG, PR
 from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartValues
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table, with_minus
-from gantrysim.report.headline import NO_ERROR, headline
+from gantrysim.report.headline import NO_ERROR, contour_sentence
 from gantrysim.report.plots.bead import draw_bead_along
 from gantrysim.report.plots.budget import draw_by_turn, draw_shares
+from gantrysim.report.plots.laid import bead_picture
 from gantrysim.report.plots.pictures import (
     HALF,
     PAGE_COLUMNS,
@@ -82,7 +84,7 @@ def budget_section(results: RunResults) -> Section:
     return Section(
         "Error budget",
         [
-            headline(budget, results.causes),
+            contour_sentence(budget, results.causes),
             "Errors are normal to the path. Contributions sum at every sample; a negative share offsets others. A link "
             "locates the error on the chain, as the difference of two traces; it does not say what caused it.",
             f"Lag of the nozzle along the path, not part of the contour error: {LAG.text(values.lag.rms)} rms, "
@@ -157,7 +159,13 @@ def path_section(results: RunResults, video: Path | None = None) -> Section:
         video: film of the run, included where it exists.
     """
     viewer = ViewerData(results)
-    return Section("Bead and path", video=video, viewer=viewer.text(), in_space=viewer.in_space)
+    return Section(
+        "Bead and path",
+        video=video,
+        poster=partial(bead_picture, results),
+        viewer=viewer.text(),
+        in_space=viewer.in_space,
+    )
 
 
 def spacing_section(analysis: Analysis) -> Section:

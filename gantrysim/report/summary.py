@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import platform
+from collections.abc import Iterator
 from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
@@ -17,15 +18,18 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import DURATION, END_POINT
 from gantrysim.metrics.parts import ERROR_SIZES
 from gantrysim.record.run import Run
-from gantrysim.report.causes import causes_summary
+from gantrysim.report.answer import Changes
+from gantrysim.report.causes import causes_section, causes_summary, glue_causes_section, glue_causes_summary
+from gantrysim.report.document import Section
 from gantrysim.report.headline import headline
-from gantrysim.report.scatter import scatter_summary
+from gantrysim.report.scatter import scatter_section, scatter_summary
+from gantrysim.report.sections import faults_section
 from gantrysim.results.quantities import GROUPS, LOSSES_GROUP
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 
 
-def summary(results: RunResults) -> dict[str, Any]:
+def summary(results: RunResults, changes: Changes | None = None) -> dict[str, Any]:
     """Return the content of summary.json; a key's unit stands in its name, docs/values.md lists all values.
 
     Keys that need an explanation:
@@ -34,13 +38,17 @@ def summary(results: RunResults) -> dict[str, Any]:
         error_budget: by link, and as contour for the whole, the error normal to the path (`PartValues`); by axis its
             share of the servo part; by turn of a spiral the links' errors
         causes: by cause the errors without it, and its worth (`Effect`); null without --causes
+        glue_causes: by cause the checks of the glue without it, and its worth (`GlueCauses`); null where the glue
+            passes, and without --causes
         errors, motion, servo, bead: groups of `gantrysim.results.quantities`; bead is null without glue, a value null
             where the run has none or it is without bound
         unstable_axes: null where the margins are unknown
         fault: null for a complete run
         injected: deliberate faults, whether the run came to them, and what they cost; null without any
         scatter: of runs with other zeros of the encoders; missing without --repeat
-        headline: the result in a sentence or two; of a run with faults, what happened
+        headline: what spoils the run in a sentence or two; of a run with faults, what happened
+        changes: what to change in the job (`Remedy`); null where it was not looked for
+        sections: sections of the page whose values took further runs, as text, by the names of `gantrysim show`
     """
     job = results.basis
     run = results.budget.analysis.run
@@ -52,15 +60,32 @@ def summary(results: RunResults) -> dict[str, Any]:
         "machine": results.machine.name,
         "error_budget": _budget(results.budget, results.machine),
         "causes": None if results.causes is None else causes_summary(results.causes),
+        "glue_causes": None if results.glue_causes is None else glue_causes_summary(results.glue_causes),
         **groups,
         "unstable_axes": _unstable(results),
         "notes": list(run_notes(job, run)),
         "fault": _fault(run),
         "injected": _injected_faults(run, LOSSES_GROUP.contents(results)),
-        "headline": headline(results.budget, results.causes),
+        "headline": headline(results),
+        "changes": None if changes is None else asdict(changes.remedy),
+        "sections": {name: section.content() for name, section in sections_in_text(results, changes)},
         "versions": versions(results.machine),
         **scatter,
     }
+
+
+def sections_in_text(results: RunResults, changes: Changes | None) -> Iterator[tuple[str, Section]]:
+    """Yield the sections that `gantrysim show` cannot make from the record, by their names there."""
+    if results.budget.analysis.run.injected:
+        yield "faults", faults_section(results.budget.analysis.run, results.losses)
+    if results.causes is not None:
+        yield "causes", causes_section(results.causes)
+    if results.glue_causes is not None:
+        yield "glue-causes", glue_causes_section(results.glue_causes)
+    if results.scatter is not None:
+        yield "scatter", scatter_section(results.scatter)
+    if changes is not None:
+        yield "levers", changes.section
 
 
 def fault_summary(job: Basis, machine: Machine, run: Run) -> dict[str, Any]:

@@ -93,6 +93,7 @@ _LISTED = 2000  # lines of a program that is listed whole; of a longer one only 
 _CORNER_DECIMALS = 4
 _DOT_DECIMALS = 4
 _DIGITS = 3  # significant, of a column's largest value
+_PLACE_DECIMALS = 2  # [mm]
 
 ERROR = "error"
 BEAD = "bead"
@@ -132,13 +133,14 @@ class Series:
     def content(self, values: Floats) -> dict[str, Any]:
         """Return its label, unit, decimals and colour for the page."""
         largest = float(np.nanmax(np.abs(values), initial=1.0))
-        whole = int(np.log10(largest)) + 1
+        # three digits of the largest value; of places hundredths
+        decimals = _DIGITS - 1 - int(np.log10(largest)) if self.group else _PLACE_DECIMALS
         return {
             "name": self.name,
             "label": self.label,
             "unit": self.unit,
             "group": self.group,
-            "decimals": int(np.clip(_DIGITS + 1 - whole, 1, 3)),
+            "decimals": int(np.clip(decimals, 0, _DIGITS - 1)),
             "colour": COLOURS.get(self.name),
             "dash": DASHES.get(self.name, []),
             "meaning": self.meaning,

@@ -18,9 +18,10 @@ from gantrysim.record.run import Run
 from gantrysim.report.answer import Answer, Changes
 from gantrysim.report.card import save_card
 from gantrysim.report.figures import figures_ahead
-from gantrysim.report.folder import CARD, PLOTS, REPORT, output_folder, write_fault, write_run
+from gantrysim.report.folder import CARD, PLOTS, REPORT, output_folder, write_fault, write_run, write_summary
 from gantrysim.report.page import run_page, sections_with_figures
 from gantrysim.report.plots import save_plots
+from gantrysim.results.glue_causes import glue_causes_of
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 
@@ -60,9 +61,11 @@ def write_report(
         write_run(scratch, results)
         figures = figures_ahead(sections_with_figures(results), scratch / PLOTS)
         save_plots(results.budget, scratch / PLOTS, bead=results.bead, only_missing=True)
-        found = changes(job, results.verdict) if changes is not None and isinstance(job, Job) else None
-        save_card(scratch / CARD, results, Answer.of(results, None if found is None else found.remedy))
-        run_page(results, None, advance, found, figures).write(scratch / REPORT)
+        proposal = changes(job, results.verdict) if changes is not None and isinstance(job, Job) else None
+        if proposal is not None:
+            write_summary(scratch, results, proposal)
+        save_card(scratch / CARD, results, Answer.of(results, None if proposal is None else proposal.remedy))
+        run_page(results, None, advance, proposal, figures).write(scratch / REPORT)
     return target / REPORT
 
 
@@ -85,5 +88,7 @@ def results_of(job: Basis, run: Run, causes: bool = True) -> RunResults:
         losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
     budget = Budget(analysis)
     is_known = run.fault is None and not job.faults and not budget.contradictions
-    found = causes_of(job, budget=budget) if causes and is_known and isinstance(job, Job) else None
-    return RunResults(job, job.built_machine, budget, bead, causes=found, losses=losses)
+    if not (causes and is_known and isinstance(job, Job)):
+        return RunResults(job, job.built_machine, budget, bead, losses=losses)
+    causes_known = causes_of(job, budget=budget)
+    return RunResults(job, job.built_machine, budget, bead, causes_known, glue_causes_of(job, bead), losses)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from gantrysim.base.quantity import Quantity, number_text
@@ -56,6 +56,11 @@ class Place:
             parts.append(f"line {self.line}")
         return ", ".join(parts)
 
+    @property
+    def brief(self) -> str:
+        """Axis, time and line, without the point; empty where none is known."""
+        return str(replace(self, point=None))
+
     def content(self) -> dict[str, Any]:
         """Return the place for JSON."""
         point = None if self.point is None else list(self.point)
@@ -75,6 +80,7 @@ class Check:
         source: "given" for a limit of the job, "default" for any other.
         at_least: whether the value must be at least the limit, else at most.
         form: format of both.
+        label: name of the quantity whatever the value's sign; empty for `quantity`.
         place: of the worst value.
     """
 
@@ -86,6 +92,7 @@ class Check:
     source: str
     at_least: bool = False
     form: str = ".1f"
+    label: str = ""
     place: Place = field(default_factory=Place)
 
     @classmethod
@@ -110,6 +117,7 @@ class Check:
             source=bound.source,
             at_least=bound.at_least,
             form=quantity.form,
+            label=quantity.label,
             place=place or Place(),
         )
 

@@ -31,6 +31,7 @@ from gantrysim.results.verdict_quantities import (
 PlaceAt = Callable[[int], Place]  # place of a tick of the run
 
 GLUE = "glue"
+THROUGH_GLUE = "needle through its own"
 
 # of the requested distance of the turns: beyond it, links that climb are longer than the distance asked in plan view
 _LEVEL = 0.01
@@ -60,7 +61,11 @@ def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt, *, is_requeste
         dots = Row.of(GLUE, worst_checks(verdicts), dots_remark(verdicts))
     values = {"dots": [verdict.content() for verdict in verdicts]}
     if not len(bead.stretches):
-        return replace(dots, values=values)
+        ploughing = Ploughing.of(bead, tolerance.start_length, tolerance.stop_length)
+        checks = [*dots.checks, _ploughing_check(ploughing, tolerance, place_at)]
+        remark = "; ".join([dots.remark, *_ploughing_remarks(ploughing, bead)])
+        both = Row.of(GLUE, checks, remark, {**values, PASSES.key: ploughing.passes})
+        return replace(both, state=worst([dots.state, both.state]))
     row = _bead_row(bead, tolerance, place_at)
     # the last part is what to do about a ploughed bead
     remark = "; ".join(filter(None, (dots.remark, row.remark)))
@@ -90,7 +95,7 @@ def _bead_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
 
 
 class BeadWidth:
-    """Deviation of the bead's width from the nominal one, away from starts and stops.
+    """Deviation of the bead's width from the wanted one, away from starts and stops.
 
     A blob is a contiguous stretch of the bead wider than the tolerance admits, a gap one narrower. Stations within
     `Tolerance.start_length` of where the dispenser opens, and within `stop_length` of where it closes, are not judged.
@@ -105,8 +110,7 @@ class BeadWidth:
     """
 
     def __init__(self, bead: BeadTrace, tolerance: Tolerance) -> None:
-        nominal = float(bead.nominal_section.width[0])
-        self.error: Floats = 100 * (bead.width / nominal - 1)
+        self.error: Floats = 100 * (bead.width / bead.wanted_section.width - 1)
         self.judged = _away_from_ends(bead, tolerance)
         self._bead = bead
         self._tolerance = tolerance
@@ -224,7 +228,8 @@ def _ploughing_remarks(ploughing: Ploughing, bead: Bead) -> Iterator[str]:
     passes = f"{ploughing.passes} pass{'' if ploughing.passes == 1 else 'es'}"
     below = PLOUGHED_DEPTH.number(ploughing.depth) != "0"
     depth = f"up to {PLOUGHED_DEPTH.text(ploughing.depth)} below its top" if below else "touching its top"
-    yield f"needle through its own bead: {passes}, {depth}; {_remedy(ploughing.tick, bead)}"
+    glue = f"glue, {_counted_noun(ploughing.dots, 'dot')} among it" if ploughing.dots else "bead"
+    yield f"{THROUGH_GLUE} {glue}: {passes}, {depth}; {_remedy(ploughing.tick, bead)}"
 
 
 def _remedy(tick: int, bead: Bead) -> str:
@@ -233,7 +238,8 @@ def _remedy(tick: int, bead: Bead) -> str:
     if run.dispense[tick - 1]:
         return "the path crosses its own bead while it dispenses"
     height = run.nozzle[:, 2] - bead.surface()
-    if float(height.max()) > float(bead.nominal_section.height[0]) + bead.gap:
+    top = max([float(bead.nominal_section.height[0]), *(dot.cap.height for dot in bead.dots)])
+    if float(height.max()) > top + bead.gap:
         return "lift the needle before this dry move"
     return "it never lifts: lift it before dry moves, on a machine with a z axis, or lead them around the bead"
 

@@ -17,6 +17,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.dots import DotVerdict, dot_verdicts
+from gantrysim.results.glue_causes import GlueCauses
 from gantrysim.results.verdict import Verdict, places_of
 from gantrysim.servo.stability.loops import Margins
 
@@ -46,6 +47,7 @@ class RunResults:
         budget: error budget of its record.
         bead: the bead; None where it is not evaluated.
         causes: worth of each cause of error; None unless the job was run again without each.
+        glue_causes: worth of each cause of the bead's error; None where the glue passes, or they were not looked for.
         losses: what deliberate faults cost; None unless the job was run again without them.
         scatter: scatter of the figures; None unless the job was repeated.
     """
@@ -55,6 +57,7 @@ class RunResults:
     budget: Budget
     bead: Bead | None = None
     causes: Causes | None = None
+    glue_causes: GlueCauses | None = None
     losses: Losses | None = None
     scatter: Scatter | None = None
 

@@ -49,7 +49,8 @@ class Verdict(Shown):
         fault: description of the fault that ended the run early; empty for a complete run. No row is then judged.
         contradiction: why the errors of a complete run are not known, see `gantrysim.metrics.budget`; empty
             where they are. No row is then judged.
-        stall: that the dispenser's motor stalls, or does not follow its command, and when; empty where it follows.
+        stall: that the dispenser's motor stalls, or does not follow its command, when, and what it was asked for; empty
+            where it follows.
         tolerance: limits; None for a run that a fault ended.
         disturbances: deliberate faults that occurred in a complete run, by time; its rows are judged with them.
     """
@@ -174,11 +175,16 @@ class Verdict(Shown):
         """The verdict as text: its headline, and for a complete run a line for each displayed value."""
         if self.unjudged:
             return (f"verdict {self.headline}",)
-        lines = [f"verdict {self.headline}"]
-        for row in self.rows:
-            head = f"{row.symbol} {row.state}"
-            lines += [f"{head if k == 0 else '':12} {row.name if k == 0 else '':9} {text}" for k, text in _texts(row)]
-        return tuple(lines)
+        return (f"verdict {self.headline}", *(f"{head:12} {name:9} {text}" for head, name, text in self.cells))
+
+    @property
+    def cells(self) -> list[tuple[str, str, str]]:
+        """The verdict as a table: state and name of a row beside its first text, then its other texts."""
+        return [
+            (f"{row.symbol} {row.state}", row.name, text) if k == 0 else ("", "", text)
+            for row in self.rows
+            for k, text in enumerate(row.texts or ("",))
+        ]
 
     def __getitem__(self, name: str) -> Row:
         return next(row for row in self.rows if row.name == name)
@@ -202,10 +208,6 @@ class Verdict(Shown):
             "disturbances": list(self.disturbances),
             **rows,
         }
-
-
-def _texts(row: Row) -> Iterator[tuple[int, str]]:
-    return enumerate(row.texts or ("",))
 
 
 def path_row(contour: PartValues, tolerance: Tolerance, line_at: Callable[[float], int | None]) -> Row:
@@ -266,7 +268,8 @@ def _stall(loads: Iterable[Load], run: Run) -> str:
     if not exceeded:
         return ""
     first = min(exceeded, key=lambda load: load.tick)
-    return f"the dispenser's motor {first.event} at t = {run.time[first.tick]:.3f} s"
+    asked = f"{first.name} {first.value:.4g} {first.unit}, limit {first.limit:.4g} {first.unit}"
+    return f"the dispenser's motor {first.event} at t = {run.time[first.tick]:.4f} s: {asked}"
 
 
 def places_of(run: Run, line_at: Callable[[float], int | None]) -> PlaceAt:

@@ -29,7 +29,7 @@ def command(*arguments, cwd, **environment):
     [
         pytest.param(("info",), marks=pytest.mark.soak),
         pytest.param(("check", "an225"), marks=pytest.mark.soak),
-        ("run", "an225", "--no-video", "--no-report", "--no-causes", "--no-improve", "--set", "turns=1"),
+        ("run", "an225", "--no-video", "--no-report", "--no-causes", "--no-improve", "-v", "--set", "turns=1"),
     ],
     ids=["info", "check", "run"],
 )

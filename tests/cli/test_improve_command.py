@@ -1,16 +1,14 @@
 """The command `gantrysim improve`: what it prints, the job that it writes, and what it refuses."""
 
-import io
 import json
 
 import pytest
-from rich.console import Console
 
 from gantrysim import Job, Verdict
-from gantrysim.cli import terminal
-from gantrysim.cli.improve import levers_table
+from gantrysim.cli.show import show_section
 from gantrysim.cli.terminal import FAULT, INPUT_ERROR
 from gantrysim.remedy.improve import improve
+from gantrysim.remedy.report import change_section
 
 from support.pages import Page
 from support.remedies import SIDES, fixed_flow, lines_job
@@ -34,7 +32,7 @@ def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeyp
     monkeypatch.setenv("COLUMNS", "200")
     status, printed, said = gantrysim_command("improve", file, *QUICK, "--apply", "better.toml", "--out", "compared")
     assert (status, said) == (0, "")
-    before, _, after = printed.partition("levers, each simulated alone")
+    before, _, after = printed.partition("What to change")
     assert "verdict ✗ fail: glue" in before
     assert "unchanged" in after
     assert "passes with flow by speed (area 2 mm², 20 ms compensated)." in after
@@ -51,7 +49,9 @@ def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeyp
     assert page.sections[:3] == ["summary", "what-to-change", "what-differs"]
     assert "--set dispenser.flow=0.0" in page.section("what-to-change")
     assert all(letters(line) in letters(after) for line in promised.lines)
-    status, ran, _ = gantrysim_command("run", "better.toml", "--no-video", "--no-report", "--no-causes", "--out", "out")
+    status, ran, _ = gantrysim_command(
+        "run", "better.toml", "--no-video", "--no-report", "--no-causes", "-v", "--out", "out"
+    )
     assert status == 0
     assert all(letters(line) in letters(ran) for line in promised.lines)
 
@@ -88,16 +88,12 @@ def test_an_unknown_lever_is_answered_with_the_nearest(gantrysim_command, file):
 
 
 @pytest.mark.parametrize("width", [40, 80, 120])
-def test_the_table_of_levers_is_whole(width, monkeypatch):
+def test_the_table_of_levers_is_whole(width, monkeypatch, capsys):
     result = improve(fixed_flow(), levers=["flow by speed", "leads"], workers=1)
-    console = Console(width=width, file=io.StringIO(), emoji=False)
-    monkeypatch.setattr(terminal, "_output", console)
-    table = levers_table(result)
-    least = terminal._least_width(table)
-    wide = Console(width=max(width, least), file=io.StringIO(), emoji=False)
-    wide.print(table, crop=False)
-    text = wide.file.getvalue()
-    assert max(map(len, text.splitlines())) <= max(width, 80)
+    monkeypatch.setenv("COLUMNS", str(width))
+    show_section(change_section(result).content())
+    text = capsys.readouterr().out
+    assert max(map(len, text.partition("# job file")[0].splitlines())) <= max(width, 80)
     for name, setting, *cells, cost in result.rows:
         assert all(word in text.split() for word in f"{name} {setting} {cost}".split())
         assert "".join(cells).replace(" ", "") in letters(text)

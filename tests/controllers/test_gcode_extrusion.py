@@ -5,10 +5,13 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.slicer import Program
+from gantrysim.glue.dispenser.material import Material
 
 SIDE = 40.0  # of the square [mm]
 FEED = 50.0  # [mm/s]
@@ -283,3 +286,39 @@ def test_g90_after_m83_is_told_where_it_makes_e_absolute():
 def test_the_amounts_of_e_are_those_of_the_lines(text, told):
     """Once 0.0525 to 0.0975 of two lines with 0.05 and 0.1."""
     assert Program(text=f"M83\n{text}").notes[-1] == told
+
+
+@settings(max_examples=25)
+@given(
+    st.lists(st.tuples(st.floats(0.002, 0.3), st.floats(0.0, 0.3), st.floats(1200.0, 12000.0)), min_size=1, max_size=8),
+    st.sampled_from([2.5e-4, 1e-3, 1.3e-3]),
+    st.booleans(),
+)
+def test_dots_of_e_have_the_volume_of_their_words_whatever_the_tick_s_phase(dots, period, ends_in_retraction):
+    """E's highest place is the sum of the amounts beyond the retractions, and its end the sum of all words."""
+    lines = ["M83", "G1 X1 F3000"]
+    pulled = 0.0
+    for k, (amount, back, feed) in enumerate(dots):
+        lines += [f"G0 X{k + 2}", f"G1 E{pulled + amount:.6f} F{feed:.3f}", f"G1 E{-back:.6f} F{feed:.3f}"]
+        pulled = back
+    if not ends_in_retraction:
+        lines.append("G0 X50")
+    points = Program(text="\n".join(lines)).setpoints(period)
+    total = sum(round(amount, 6) for amount, _, _ in dots)
+    laid = Material(points.extrusion).laid()
+    np.testing.assert_allclose(laid.sum(), total, atol=1e-5, rtol=0)
+    # while the dispenser is on, dot by dot
+    on = points.dispense
+    begins = np.flatnonzero(on & ~np.append(False, on[:-1]))
+    each = np.add.reduceat(laid, begins)
+    np.testing.assert_allclose(each, [round(amount, 6) for amount, _, _ in dots], atol=1e-5, rtol=0)
+    assert laid[~on].sum() == pytest.approx(0.0, abs=1e-5)
+    assert points.extrusion[-1] == pytest.approx(total - dots[-1][1], abs=1e-5)
+
+
+def test_a_dot_of_e_begins_and_ends_at_ticks():
+    """A dot of 0.1 mm at 100 mm/s from 2.6 to 3.6 ms, where E is for no time: from the tick at 3 ms to that at 4 ms."""
+    program = Program(text="M83\nG4 P2.6\nG1 E0.1 F6000\nG1 E-0.1\nG1 X10 F3000")
+    points = program.setpoints(1e-3)
+    assert points.extrusion[:7] == pytest.approx([0, 0, 0, 0, 0.1, 0, 0], abs=1e-9)
+    assert np.flatnonzero(points.dispense[:7]).tolist() == [3]

@@ -8,6 +8,8 @@ import pytest
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc, softmc, trio
+from gantrysim.controllers.drawings.drawing import Drawing
+from gantrysim.controllers.drawings.points import with_row_speeds
 from gantrysim.controllers.gcode.linuxcnc import Program as LinuxCNC
 from gantrysim.controllers.gcode.slicer import Program as Slicer
 from gantrysim.controllers.speeds import with_feed_words, with_flow_words
@@ -310,3 +312,39 @@ def test_each_line_lays_the_flow_that_is_written_for_it(program):
 def test_a_program_without_such_words_refuses_flows_by_line(controller):
     with pytest.raises(InputError, match="has no output for the flow whose value each stretch can have"):
         controller.with_stretch_flows({1: 2.0})
+
+
+TABLE = "x,y,glue,speed\n0,0\n60,0,1,40\n60,30,1,40\n\n0,30\n0,60,0,\n30,60,1,40\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted", "written"),
+    [
+        (TABLE, {3: 25.0, 4: 40.0, 8: 62.5}, TABLE.replace("60,0,1,40", "60,0,1,25").replace("60,1,40", "60,1,62.5")),
+        # without heads: z and glue as they are read
+        ("0 0\n60 0\n60 30\n", {2: 25.0, 3: 40.0}, "0 0\n60 0 0 1 25\n60 30\n"),
+        # a column is added; a decimal comma stays
+        ("x;y\n0;0\n60;0,0\n60;30,5\n", {3: 62.5, 4: 40.0}, "x;y;speed\n0;0\n60;0,0;62,5\n60;30,5\n"),
+    ],
+)
+def test_a_table_of_points_has_a_speed_in_each_row(text, wanted, written):
+    program = Drawing(text=text, speed=40.0, velocity=(1000.0,) * 3, acceleration=(20000.0,) * 3, corner_tolerance=0.5)
+    own = stated(program)
+    assert {line: own[line] for line in wanted} == dict.fromkeys(wanted, 40.0)
+    changed = with_speeds(program, own | wanted)
+    assert changed.text.splitlines() == written.splitlines()
+    assert {line: stated(changed)[line] for line in wanted} == wanted
+    assert changed.requested.length == pytest.approx(program.requested.length)
+    for line, speed in wanted.items():
+        assert cruise(changed, line) == pytest.approx(speed, rel=1e-3)
+        points = changed.setpoints(PERIOD)
+        steps = np.hypot(*np.diff(points.position[:, :2], axis=0).T) / PERIOD
+        assert np.median(steps[changed.lines_at(points.time)[:-1] == line]) == pytest.approx(speed, rel=1e-3)
+
+
+def test_a_drawing_that_is_no_table_says_so():
+    square = '<svg xmlns="http://www.w3.org/2000/svg" width="9mm" viewBox="0 0 9 9"><path d="M0 0H9V9"/></svg>'
+    with pytest.raises(InputError, match="states one speed for its whole path"):
+        Drawing(text=square).stretches(PERIOD)
+    with pytest.raises(InputError, match="has no column speed, and no line of heads"):
+        with_row_speeds("# x y\n0 0\n9 0\n", {3: 5.0})

@@ -111,7 +111,16 @@ def test_the_table_has_no_more_digits_than_the_figures():
 
 def test_the_command_writes_the_scatter_into_table_summary_and_report(gantrysim_command, tmp_path):
     status, printed, _ = gantrysim_command(
-        "run", "softmc-arc", "--out", tmp_path / "out", "--no-video", "--no-causes", "--no-improve", "--repeat", "3"
+        "run",
+        "softmc-arc",
+        "--out",
+        tmp_path / "out",
+        "--no-video",
+        "--no-causes",
+        "--no-improve",
+        "--repeat",
+        "3",
+        "-v",
     )
     assert status == 0
     assert "Scatter with the zeros of the encoders" in printed
@@ -122,7 +131,7 @@ def test_the_command_writes_the_scatter_into_table_summary_and_report(gantrysim_
     assert figure["nominal"] == pytest.approx(summary["error_budget"]["contour"]["rms_um"])
     assert "Scatter with the zeros of the encoders" in (tmp_path / "out" / "report.html").read_text()
     status, printed, _ = gantrysim_command(
-        "run", "softmc-arc", "--out", tmp_path / "b", "--no-video", "--no-report", "--no-causes", "--no-improve"
+        "run", "softmc-arc", "--out", tmp_path / "b", "--no-video", "--no-report", "--no-causes", "--no-improve", "-v"
     )
     assert "--repeat 16" in " ".join(printed.split())
     assert "scatter" not in json.loads((tmp_path / "b" / "summary.json").read_text())

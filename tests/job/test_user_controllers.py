@@ -166,7 +166,7 @@ def test_records_side_by_side_are_labelled_without_the_code(folder, forget_code)
 
 def test_a_run_writes_everything(folder, tmp_path, gantrysim_command):
     job_of(folder)
-    status, out, errors = gantrysim_command("run", folder / "job.toml", "--allow-code", "--causes", "--no-video")
+    status, out, errors = gantrysim_command("run", folder / "job.toml", "--allow-code", "--causes", "--no-video", "-v")
     assert (status, errors) == (0, "")
     written = {file.name for file in (tmp_path / "here" / "out" / "Zigzag").iterdir()}
     assert written >= {"job.toml", "run.npz", "summary.json", "report.html", "plots"}

@@ -11,7 +11,7 @@ from gantrysim.glue.bead.bead import Bead
 from gantrysim.job.causes import causes_of
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.feet import Projection
-from gantrysim.report.headline import headline
+from gantrysim.report.headline import contour_sentence
 from gantrysim.results.verdict import Verdict
 from gantrysim.study.cases import Case, measure
 
@@ -68,7 +68,7 @@ def test_a_wrong_foot_is_told_and_nothing_blamed(job, run, trace, change, text):
     assert not any(row.checks for row in verdict.rows)
     assert str(verdict).splitlines()[0] == f"verdict {verdict.headline}"
     assert verdict.content()["contradiction"] == verdict.contradiction
-    assert "not known" in headline(budget)
+    assert "not known" in contour_sentence(budget)
     with pytest.raises(InputError, match="neither its errors nor their causes are known"):
         causes_of(job, budget=budget)
 

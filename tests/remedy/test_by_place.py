@@ -176,6 +176,30 @@ def test_a_flow_by_an_output_is_set_line_by_line(even, tmp_path):
         assert np.median(laid) == pytest.approx(2.0 * speed.after, rel=1e-3)
 
 
+def test_a_table_of_points_gets_a_column_of_speeds(even, tmp_path):
+    """The same path as a table of points, whose last point of the arc is on line 5."""
+    half = np.sqrt(0.5)
+    rows = ["x,y,kind", "0,0,", "150,0,", f"{150 + 10 * half:.9g},{10 - 10 * half:.9g},arc", "160,10,", "160,150,"]
+    file = tmp_path / "corner.csv"
+    file.write_text("\n".join(rows), encoding="utf-8")
+    own = {"program.speed": 100.0, "program.acceleration": [2000.0] * 3, "program.corner_tolerance": 0.001}
+    job = Job.load(str(file), SETTINGS | own)
+    result = speed_by_place(job, even, Bench(job))
+    assert isinstance(result, SpeedByPlace), result
+    assert result.outcome.passes
+    assert result.outcome.duration < 0.8 * even.duration
+    speeds = {speed.place: speed.after for speed in result.speeds}
+    assert speeds[5] < 100.0 < min(speeds[3], speeds[6])
+    _, table = write_by_place(result, tmp_path / "by-place", job)
+    assert table.name == "by-place.csv"
+    assert table.read_text(encoding="utf-8").splitlines()[3] == rows[3]
+    bare = Job.load(str(table), SETTINGS | own | {"dispenser.advance": result.job.dispenser.advance})
+    assert line_speeds(bare.controller) == line_speeds(result.job.controller)
+    outcome = Motion.of(bare, "mujoco").outcome(bare)
+    assert outcome.passes
+    assert outcome.duration == pytest.approx(result.outcome.duration, abs=1e-9)
+
+
 def test_speeds_that_stay_are_not_called_speeds_by_place(found):
     kept = replace(found, speeds=tuple(replace(speed, after=speed.before) for speed in found.speeds))
     assert str(kept).startswith("pass with the program's own speeds: ")

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gantrysim import Fault, Job, Run, causes_of
+from gantrysim import Fault, Job, causes_of
 from gantrysim.faults import EncoderSlip
 from gantrysim.glue.bead import Bead
 from gantrysim.job.causes import CAUSES
@@ -17,7 +17,7 @@ from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.report import page as servo_page
 from gantrysim.report.folder import REPORT
-from gantrysim.report.headline import headline
+from gantrysim.report.headline import contour_sentence
 from gantrysim.report.page import write_run_page
 from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults
@@ -137,7 +137,7 @@ def test_the_headline_names_the_link_with_the_largest_share(spiral):
     _, page, bead = spiral
     budget = Budget(bead.analysis)
     parts = budget.values.parts
-    text = headline(budget)
+    text = contour_sentence(budget)
     assert page.texts("p")[2] == text
     assert parts["program"].share > 0.9
     rms = 1e3 * budget.values.contour.rms
@@ -152,7 +152,7 @@ def test_the_headline_gives_the_portion_of_the_error(spiral, share, portion):
     values = budget.values
     rest = dict.fromkeys(LINKS, replace(values.parts["servo"], share=(1 - share) / 3))
     vars(budget)["values"] = replace(values, parts={**rest, "structure": replace(rest["structure"], share=share)})
-    assert headline(budget).endswith(f" µm rms, {portion} in structure (motor to nozzle).")
+    assert contour_sentence(budget).endswith(f" µm rms, {portion} in structure (motor to nozzle).")
 
 
 def test_the_words_of_the_links_name_no_cause(spiral):
@@ -215,7 +215,7 @@ def test_the_headline_of_a_trip_is_what_happened_and_names_no_link():
     budget = Budget(run)
     assert budget.values.parts["program"].share > 0.9  # as it is without the trip
     contour = budget.values.contour
-    text = headline(budget)
+    text = contour_sentence(budget)
     assert text == (
         f"Fault: following error on axis {fault.axis} at t = {fault.time:.4f} s: {fault.value:.4g} mm, limit 0.03 mm. "
         f"Contour error until then: {1e3 * contour.rms:.1f} µm rms, max {1e3 * contour.max:.1f} µm."
@@ -225,7 +225,7 @@ def test_the_headline_of_a_trip_is_what_happened_and_names_no_link():
 
 def test_the_headline_of_a_stuck_axis_blames_nothing_else():
     run = Job.load("an225", (*SMALL, 'faults=[{kind="stuck axis", time=1, axis="x"}]')).run()
-    text = headline(Budget(run))
+    text = contour_sentence(Budget(run))
     assert text.startswith(
         "Stuck axis x at t = 1.0000 s: seized until the end. "
         f"Supervision: following error on axis x at t = {run.fault.time:.4f} s: {run.fault.value:.4g} mm, limit 5 mm. "
@@ -238,13 +238,13 @@ def test_the_headline_of_a_fault_that_trips_nothing_or_is_never_reached():
     run = Job.load("softmc-arc").follow()
     slip = EncoderSlip(time=0.5, axis="x", counts=100)
     end = float(run.time[-1])
-    assert headline(Budget(replace(run, injected=(slip,)))) == (
+    assert contour_sentence(Budget(replace(run, injected=(slip,)))) == (
         "Encoder slip on axis x at t = 0.5000 s: +100 counts until the end. "
         f"Supervision: no limit exceeded, complete at t = {end:.4f} s. Contour error: none."
     )
-    plain = headline(Budget(run))
-    assert headline(Budget(replace(run, injected=(replace(slip, time=end + 1),)))) == plain
-    assert headline(Budget(replace(run, injected=(replace(slip, counts=0),)))) == plain
+    plain = contour_sentence(Budget(run))
+    assert contour_sentence(Budget(replace(run, injected=(replace(slip, time=end + 1),)))) == plain
+    assert contour_sentence(Budget(replace(run, injected=(replace(slip, counts=0),)))) == plain
 
 
 def test_the_summary_says_which_deliberate_faults_the_run_came_to():
@@ -260,7 +260,7 @@ def test_the_summary_says_which_deliberate_faults_the_run_came_to():
 def test_the_headline_of_a_fault_without_error():
     run = replace(Job.load("softmc-arc").follow(), fault=Fault("travel", "x", 1.0, 151.0, 150.0, "mm"))
     text = "Fault: travel on axis x at t = 1.0000 s: 151 mm, limit 150 mm. Contour error until then: none."
-    assert headline(Budget(run)) == text
+    assert contour_sentence(Budget(run)) == text
 
 
 def test_a_fault_is_shown_above_all_else(tmp_path):
@@ -314,8 +314,9 @@ def test_the_command_writes_the_report_with_its_video(gantrysim_command, tmp_pat
     assert base64.b64decode(video["src"].partition(",")[2]) == (tmp_path / "video.mp4").read_bytes() == film
     contour = json.loads((tmp_path / "summary.json").read_text())["errors"]
     assert f"{contour['contour_rms_um']:.1f} µm" in page.section("error-budget")
-    assert page.texts("p")[2] == headline(Budget(Run.load(tmp_path / "run.npz")))
-    assert page.texts("p")[2] in " ".join(printed.split())
+    headline = json.loads((tmp_path / "summary.json").read_text())["headline"]
+    assert page.texts("p")[2] == headline
+    assert headline in " ".join(printed.split())
 
 
 def test_a_folder_with_a_foreign_report_is_not_written_to(gantrysim_command, tmp_path):

@@ -49,7 +49,8 @@ def test_dots_alone_are_judged_by_dot_and_not_as_a_bead():
     job = dots_job()
     row = glue(job, followed(job))
     assert row.state == "pass"
-    assert {check.name for check in row.checks} == {"dot_volume", "dot_place", "dot_string"}
+    assert {check.name for check in row.checks} == {"dot_volume", "dot_place", "dot_string", "bead_ploughed"}
+    assert row.values["passes_through_glue"] == 0
     assert row.remark == "3 dots, 8 mm³ in all, 2.51 to 3.17 mm wide on the work: none out of tolerance"
     dots = row.values["dots"]
     assert [dot["volume_mm3"] for dot in dots] == pytest.approx(VOLUMES, rel=1e-9)
@@ -182,6 +183,22 @@ def test_e_fed_at_rest_alone_lays_dots_and_a_retraction_none():
     assert [dot["asked_mm"][0] for dot in dots] == [10, 20]
     section = 0.25 * 3.14159265 * 1.75**2
     assert [dot["volume_mm3"] for dot in dots] == pytest.approx([0.5 * section] * 2, rel=5e-3)
+
+
+@pytest.mark.parametrize("beside", ["", STROKE])
+def test_a_low_move_over_dots_fails(beside):
+    """By a detour over the dots in (0, 0) and (8, 0), whose cap of 60 deg is 0.91 mm high, 0.5 mm above the work."""
+    job = dots_job(DOTS + "G0 Z0\nG0 X-8\nG0 Y0\nG0 X16\nG0 Z3\n" + beside)
+    row = glue(job, followed(job))
+    assert row.state == "fail"
+    (check,) = (check for check in row.checks if check.name == "bead_ploughed")
+    # both diameters, which the remark gives
+    assert check.value == pytest.approx(2.51 + 3.17, abs=0.01)
+    assert check.place.line == 23
+    assert "needle through its own glue, 2 dots among it: 2 passes, up to 0.41 mm below its top" in row.remark
+    assert row.remark.endswith("lift the needle before this dry move")
+    assert row.values["passes_through_glue"] == 2
+    assert all(dot["state"] == "pass" for dot in row.values["dots"])
 
 
 def test_e_fed_at_rest_beside_a_bead_lays_a_dot_beyond_what_undoes_a_retraction():

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from gantrysim import Job
-from gantrysim.cli.tables import causes_table
+from gantrysim.cli.show import show_section
 from gantrysim.job.causes import causes_of
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.ideal import without_friction
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.report.causes import causes_section
 from gantrysim.study.circle.study import CircleStudy
 from gantrysim.study.machine.report import _variation_table
 from gantrysim.study.machine.study import MachineStudy
@@ -132,18 +132,18 @@ def test_machines_of_a_class_are_drawn_and_shown():
     assert not {"play_y", "sag"} & set(plain.machines)
 
 
-def test_the_cause_is_worth_what_it_adds():
+def test_the_cause_is_worth_what_it_adds(monkeypatch, capsys):
     job = Job.load("an225", [*SHORT, "geometry.squareness_xy=2"])
     causes = causes_of(job)
     effect = causes.effects[-1]
     assert effect.cause.name == "geometry"
     assert causes.heads[4:] == ("program", "servo", "encoder", "geometry", "structure")
     assert effect.without["geometry"].max == 0
-    console = Console(width=76)
-    with console.capture() as shown:
-        console.print(causes_table(causes))
-    assert f"{1e3 * effect.without['contour'].rms:.2f}" in shown.get()  # numbers are whole on a narrow terminal
-    assert "…" not in shown.get()
+    monkeypatch.setenv("COLUMNS", "76")
+    show_section(causes_section(causes).content())
+    text = capsys.readouterr().out
+    assert f"{1e3 * effect.without['contour'].rms:.2f}" in text  # numbers are whole on a narrow terminal
+    assert "…" not in text
     assert effect.before["geometry"].rms > 0.005
     assert effect.worth["contour"].rms == pytest.approx(
         effect.before["contour"].rms - effect.without["contour"].rms, abs=1e-12

@@ -150,12 +150,12 @@ def valve_data(fluid, rng):
         mass = noisy(rng, density * volume * 20, 0.01, 2)
         dots = {"open time [ms]": f"{1e3 * open_for:.0f}", "dots": "20", "mass [mg]": mass}
         rows.append({**common, "pressure [kPa]": f"{pressure}", **dots})
-    times = np.arange(0, 1.2, 0.002)
+    times = np.arange(0, 1.2, 0.004)
     # between two rows, of which the later one has the new command
-    state = first_order(times, 0.301 - 0.001 * rng.random() + dead, 0.801 + closing_dead, (opening, closing))
+    state = first_order(times, 0.302 + 0.004 * (rng.random() - 0.5) + dead, 0.802 + closing_dead, (opening, closing))
     for time, value in zip(times.tolist(), flows(state).tolist(), strict=True):
         reading = value + 0.01 * flow * rng.standard_normal()
-        command = "1" if 0.3005 < time < 0.8005 else "0"
+        command = "1" if 0.302 < time < 0.802 else "0"
         record = {"time [s]": f"{time:.4f}", "command": command, "flow [mm3/s]": f"{reading:.5f}"}
         rows.append({**common, "pressure [kPa]": f"{pressure}", **record})
     gap = round(0.8 * bore, 2)
@@ -235,10 +235,10 @@ def driven_data(fluid, rng, kind):
     def change(_, p, rate):
         return (rate - leak * p - np.interp(p, grid, curve)) / compliance
 
-    times = np.arange(0, 3.0, 0.005)
+    times = np.arange(0, 3.0, 0.01)
     states = np.zeros(times.size)
     level = 0.0
-    for begin, end, rate in ((0.0, 0.2475, 0.0), (0.2475, 1.7475, displacement * speed), (1.7475, 3.0, 0.0)):
+    for begin, end, rate in ((0.0, 0.245, 0.0), (0.245, 1.745, displacement * speed), (1.745, 3.0, 0.0)):
         inside = (times >= begin) & (times < end)
         ends = np.append(times[inside], end)
         solution = solve_ivp(change, (begin, end), [level], "RK45", ends, args=(rate,), rtol=1e-8, max_step=0.01)
@@ -246,7 +246,7 @@ def driven_data(fluid, rng, kind):
         level = float(solution.y[0, -1])
     for time, value in zip(times.tolist(), np.interp(states, grid, curve).tolist(), strict=True):
         reading = value + 0.01 * flow * rng.standard_normal()
-        is_on = 0.2475 < time < 1.7475
+        is_on = 0.245 < time < 1.745
         record = {"time [s]": f"{time:.4f}", driver: f"{speed * factor * is_on:.4f}", "flow [mm3/s]": f"{reading:.5f}"}
         rows.append({**common, "length [mm]": f"{length}", **record})
     truth = {

@@ -42,6 +42,7 @@ class Leg:
         dot: whether glue is laid in that time.
         order: places in the order of the drawing of its begin, its end, and of points evenly between, if any: twice the
             number of the stroke's stretch, more by the share of the way to it, or by 1 and the share of its shapes.
+        line: of the table that states its speed, 0 without.
     """
 
     piece: Line | Coil
@@ -51,6 +52,7 @@ class Leg:
     pause: float = 0.0
     dot: bool = False
     order: tuple[float, ...] = (0.0, 0.0)
+    line: int = 0
 
     @cached_property
     def length(self) -> float:

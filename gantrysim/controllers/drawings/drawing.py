@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -11,15 +11,17 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, unknown
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.drawings.planning import Paused, planned_progress
-from gantrysim.controllers.drawings.points import with_speeds
+from gantrysim.controllers.drawings.points import with_row_speeds, with_speeds
 from gantrysim.controllers.drawings.reading import kind_of, matches, millimetres, read_sheet
 from gantrysim.controllers.drawings.routing import Manner, Route, routed_path
 from gantrysim.controllers.drawings.shapes import FASTEST, Sheet, Stroke, checked_stroke
 from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.stretches import Stretches
 from gantrysim.paths.chain import Chain
 from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks
 
@@ -250,6 +252,39 @@ class Drawing(Controller):
         changed: dict[str, Any] = {"speed": change(self.speed)}
         text = with_speeds(self.text, change) if self.kind == "csv" else None
         return changed if text is None else {**changed, "text": text}
+
+    def stretches(self, period: float) -> Stretches:
+        """As `Controller.stretches`: the rows of a table of points, each with the speed on the way to it."""
+        if self.kind != "csv":
+            return super().stretches(period)
+        route = self._requested_route
+        lines = np.array([leg.line for leg in route.legs], np.intp)
+        speeds = np.array([leg.speed if leg.line else 0.0 for leg in route.legs])
+        last = np.append(np.diff(lines) != 0, True)
+        return Stretches(route.chain.ends[last], lines[last], speeds[last])
+
+    def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_speeds`: the column of speeds of a table of points, where they change."""
+        if self.kind != "csv":
+            return super().with_stretch_speeds(speeds)
+        stated = {leg.line: leg.speed for leg in self._requested_route.legs}
+        changed = {line: speed for line, speed in speeds.items() if speed != stated.get(line)}
+        return {"text": with_row_speeds(self.text, changed)} if changed else {}
+
+    @property
+    def program_suffix(self) -> str:
+        return f".{self.kind}"
+
+    def line_at(self, time: float) -> int | None:
+        """Return the row of a table of points on the way to whose point the nozzle is at a time [s]."""
+        return int(self.lines_at(np.array([time]))[0]) or None
+
+    def lines_at(self, times: Floats) -> NDArray[np.intp]:
+        """As `Controller.lines_at`."""
+        s = self.profile.position(times)
+        legs = self.route.legs
+        lines = np.array([leg.line for leg in legs], np.intp)
+        return lines[np.clip(np.searchsorted(self.route.chain.ends, s, side="right"), 0, len(legs) - 1)]
 
     def setpoints(self, period: float) -> Setpoints:
         positive("period", period, "s")

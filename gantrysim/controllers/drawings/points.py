@@ -43,6 +43,8 @@ from gantrysim.tables.units import KINDS, LENGTH, TIME, factor
 
 COLUMNS = ("x", "y", "z", "glue", "speed")  # of a table without heads
 
+_MISSING = {"z": "0", "z_down": "0", "glue": "1"}  # what cells without a value stand for
+
 DOT = "dot"
 START = "start"
 PASSING = "passing"
@@ -244,6 +246,39 @@ def with_speeds(text: str, change: Callable[[float], float]) -> str | None:
     return "\n".join(lines) if has_speed else None
 
 
+def with_row_speeds(text: str, speeds: Mapping[int, float]) -> str:
+    """Return the text with other speeds in some of its rows; without a column of speeds, one is added.
+
+    Args:
+        text: of the table.
+        speeds: by the lines of the rows [mm/s].
+
+    Raises:
+        InputError: the column has no place, as the heads stand in no line of their own.
+    """
+    table = TextTable.of(text)
+    lines = text.splitlines()
+    if "speed" not in _Layout.of(table, 1.0).roles:
+        head = next(
+            (k for k in range(table.rows[0][0] - 1) if tuple(table.dialect.cells(lines[k])) == table.heads), None
+        )
+        if head is None:
+            raise InputError("drawing: the table has no column speed, and no line of heads to which it could be added")
+        lines[head] = _line([*table.heads, "speed"], table.dialect)
+        return with_row_speeds("\n".join(lines), speeds)
+    roles = _Layout.of(table, 1.0).roles
+    index = roles.index("speed")
+    for row in table.split():
+        if row.line not in speeds:
+            continue
+        # cells that are missing at the end, as they are read
+        cells = [*row.cells, *(_MISSING.get(role, "") for role in roles[len(row.cells) : index + 1])]
+        written = f"{speeds[row.line]:.9g}"
+        cells[index] = written.replace(".", ",") if table.dialect.decimal_comma else written
+        lines[row.line - 1] = _line(cells, table.dialect)
+    return "\n".join(lines)
+
+
 def _line(cells: Sequence[str], dialect: Dialect) -> str:
     stream = io.StringIO()
     separator = " " if dialect.separator == BLANKS else dialect.separator
@@ -373,9 +408,11 @@ def _stroke(rows: list[PointRow], curve: str) -> Stroke:
             else:
                 shapes.append(Segment(points[0], points[1]))
             first = last
-        return Stroke(tuple(shapes), f"line {rows[0].line}", glue=tuple(glue), speed=tuple(speed))
+        lines = tuple(row.line for row in rows[1:])
+        return Stroke(tuple(shapes), f"line {rows[0].line}", glue=tuple(glue), speed=tuple(speed), lines=lines)
     kept_glue = []
     kept_speed = []
+    kept_lines = []
     k = 1
     while k < len(rows):
         if rows[k].kind == ARC:
@@ -387,8 +424,15 @@ def _stroke(rows: list[PointRow], curve: str) -> Stroke:
             shapes.append(Segment(rows[k - 1].point, rows[k].point))
         kept_glue.append(glue[k - 1])
         kept_speed.append(speed[k - 1])
+        kept_lines.append(rows[k].line)
         k += 1
-    return Stroke(tuple(shapes), f"line {rows[0].line}", glue=tuple(kept_glue), speed=tuple(kept_speed))
+    return Stroke(
+        shapes=tuple(shapes),
+        where=f"line {rows[0].line}",
+        glue=tuple(kept_glue),
+        speed=tuple(kept_speed),
+        lines=tuple(kept_lines),
+    )
 
 
 def _arc(first: Floats, middle: Floats, last: Floats) -> Shape:

@@ -240,14 +240,16 @@ def _drawn_legs(stretch: list[Stroke], manner: Manner, begin: float) -> list[Leg
     for stroke in stretch:
         glue = stroke.glue or (True,) * len(stroke.shapes)
         speeds = stroke.speed or (math.nan,) * len(stroke.shapes)
+        lines = stroke.lines or (0,) * len(stroke.shapes)
         # along consecutive curves in space
         space: list[Leg] = []
-        for shape, lays, stated_speed in zip(stroke.shapes, glue, speeds, strict=True):
+        for shape, lays, stated_speed, line in zip(stroke.shapes, glue, speeds, lines, strict=True):
             speed = stated_speed
             if math.isnan(stated_speed):
                 speed = manner.speed if lays else manner.travel_speed
             pieces = pieces_of(shape, manner.chord)
-            legs_of_shape = _ordered_legs([Leg(piece, lays, speed) for piece in pieces], begin + number * size, size)
+            own_legs = [Leg(piece, lays, speed, line=line) for piece in pieces]
+            legs_of_shape = _ordered_legs(own_legs, begin + number * size, size)
             number += 1
             climbs = any(leg.start[2] != leg.end[2] for leg in legs_of_shape)
             if len(pieces) > 1 and isinstance(pieces[0], Line) and climbs:

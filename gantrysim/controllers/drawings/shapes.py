@@ -171,6 +171,7 @@ class Stroke:
         dot_time: for which the dot is dispensed, if the drawing states it [s].
         glue: whether each shape lays glue, if the drawing states it.
         speed: of each shape, if the drawing states it [mm/s].
+        lines: of a table of points, which state the speed of each shape.
     """
 
     shapes: tuple[Shape, ...]
@@ -180,6 +181,7 @@ class Stroke:
     dot_time: float | None = None
     glue: tuple[bool, ...] | None = None
     speed: tuple[float, ...] | None = None
+    lines: tuple[int, ...] = ()
 
     @property
     def start(self) -> Floats:
@@ -212,7 +214,7 @@ class Stroke:
         glue = self.glue and self.glue[::-1]
         speed = self.speed and self.speed[::-1]
         shapes = tuple(shape.reversed() for shape in self.shapes[::-1])
-        return replace(self, shapes=shapes, glue=glue, speed=speed)
+        return replace(self, shapes=shapes, glue=glue, speed=speed, lines=self.lines[::-1])
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ of the same length.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,36 @@ from gantrysim.controllers.valve import SAME_PLACE
 AdvanceLaw = Literal["tanh", "reciprocal"]
 # exact for cubics, as a quadratic position times a linear weight
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2)
+_ROUNDING = 1e-6  # of a time, in periods
 _REST = 1.0  # before and after the motion, longer than any average [s]
+
+
+class Sampled(NamedTuple):
+    """The ends of words E at ticks.
+
+    Attributes:
+        ticks: ascending, (k,).
+        position: there, (k,) [mm].
+        dots: first tick of each feed at rest that lays material, and the first after it, (d, 2).
+    """
+
+    ticks: NDArray[np.intp]
+    position: Floats
+    dots: NDArray[np.intp]
+
+    def apply(self, material: dict[str, Floats], dispense: NDArray[np.bool_], first: int) -> None:
+        """Set positions of E and of its motor, and the dispenser's command, over a block of ticks from a first one on.
+
+        The motor stays as far ahead of E as it is.
+        """
+        after = first + dispense.size
+        here = (self.ticks >= first) & (self.ticks < after)
+        ticks = self.ticks[here] - first
+        change = self.position[here] - material["extrusion"][ticks]
+        for position in material.values():
+            position[ticks] += change
+        for begin, end in self.dots[(self.dots[:, 0] < after) & (self.dots[:, 1] > first)].tolist():
+            dispense[max(begin - first, 0) : end - first] = True
 
 
 @dataclass(frozen=True)
@@ -44,6 +74,8 @@ class Extrusion:
         change: acceleration of the filament, (m,) [mm/s²].
         setting: index of the pressure advance in force in each interval, (m,).
         acts: whether it acts: material is laid along the work, (m,).
+        rests: whether E moves while the axes rest, (m,).
+        lays: whether it lays material then, (m,).
         advances: settings of pressure advance.
         law: of the non-linear term.
     """
@@ -54,6 +86,8 @@ class Extrusion:
     change: Floats
     setting: NDArray[np.intp]
     acts: NDArray[np.bool_]
+    rests: NDArray[np.bool_]
+    lays: NDArray[np.bool_]
     advances: tuple[PressureAdvance, ...]
     law: AdvanceLaw = "tanh"
 
@@ -73,6 +107,36 @@ class Extrusion:
         k = self._locate(t)
         elapsed = t - self.time[k]
         return np.asarray(self.begin[k] + elapsed * (self.speed[k] + 0.5 * elapsed * self.change[k]))
+
+    @cached_property
+    def _nodes(self) -> NDArray[np.intp]:
+        """Intervals at whose beginning E turns back or forth, or a feed at rest begins or ends, ascending."""
+        steps = np.diff(np.append(self.begin, self.begin[-1:]))
+        moving = np.flatnonzero(steps)
+        turns = moving[np.flatnonzero(np.diff(np.sign(steps[moving])))] + 1
+        rests = np.flatnonzero(self.rests)
+        return np.unique(np.concatenate([turns, rests, rests + 1]))
+
+    def sampled(self, period: float, count: int) -> Sampled:
+        """Return the ticks at which E reaches the ends of its words.
+
+        Between two ticks, an end is at the next one, or the next without an end: what E feeds would else be cut by what
+        it feeds in a part of a tick, and a feed at rest would begin before its dispensing. The last tick has the end of
+        all.
+
+        Args:
+            period: of the ticks [s].
+            count: number of ticks.
+        """
+        nodes = self._nodes
+        rank = np.arange(nodes.size)
+        ticks = np.ceil(self.time[nodes] / period - _ROUNDING).astype(np.intp)
+        ticks = np.maximum.accumulate(ticks - rank) + rank
+        ticks = np.minimum(ticks, count - 1 - ticks.size + rank)
+        begins = np.flatnonzero(self.lays[nodes])
+        dots = np.stack([ticks[begins], ticks[begins + 1]], axis=1)
+        is_within = ticks > 0
+        return Sampled(ticks[is_within], self.begin[nodes[is_within]], dots)
 
     def _locate(self, t: Floats) -> NDArray[np.intp]:
         return np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, self.begin.size - 1)
@@ -129,6 +193,8 @@ def extrusion_of(plan: PathPlan, law: AdvanceLaw) -> Extrusion:
     along = (table[:, KIND] == ARC) | (np.abs(np.diff(plane, axis=0)).max(axis=1, initial=0.0) > SAME_PLACE)
     acts = (moves & along & (table[:, FLOW] > 0))[rows]
     acts[[0, -1]] = False
+    rests = (~moves & (table[:, FLOW] != 0))[rows]
+    rests[[0, -1]] = False
     return Extrusion(
         time=np.concatenate([[0.0], np.cumsum(length)]) - _REST,
         begin=np.concatenate([[0.0], np.cumsum(step)[:-1]]),
@@ -136,6 +202,8 @@ def extrusion_of(plan: PathPlan, law: AdvanceLaw) -> Extrusion:
         change=np.pad(change, 1)[is_kept],
         setting=table[rows, ADVANCE].astype(np.intp),
         acts=acts,
+        rests=rests,
+        lays=rests & (plan.program.glue & (table[:, FLOW] > 0))[rows],
         advances=plan.program.advances,
         law=law,
     )

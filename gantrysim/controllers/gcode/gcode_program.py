@@ -330,12 +330,13 @@ class GCode(Controller):
         place, dispense, progress = self.plan.at(time)
         position = np.ascontiguousarray(place[:, : len(self.axes)])
         material: dict[str, Floats] = {}
-        if self.flow_output:
-            material["analogue"] = self.plan.analogue(time)
         if self.extrusion is not None:
             material["extrusion"] = self.extrusion.position(time)
             if self.extrusion.is_advanced:
                 material["extruder"] = self.extrusion.advanced(time)
+            self.extrusion.sampled(period, count).apply(material, dispense, block.start)
+        if self.flow_output:
+            material["analogue"] = self.plan.analogue(time)
         return SetpointTable(position, dispense, progress, **material)
 
     @cached_property

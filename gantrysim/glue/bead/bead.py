@@ -105,16 +105,26 @@ class Bead(BeadTrace, Shown):
             ridge=self.map.ridge,
         )
 
+    @cached_property
+    def _wanted_at_ends(self) -> Floats:
+        """Wanted sections at start and stop of every stretch, (k, 2) [mm²]."""
+        length = self.length
+        ends = np.minimum(self.stretches[:, 1], length.size - 1)
+        place = length[np.stack([self.stretches[:, 0], ends], axis=1)]
+        # the stations at the ends hold half of what lies beside the stretch
+        inside = np.clip(place + np.array([self.ds, -self.ds]), place[:, :1], place[:, 1:])
+        return self.wanted[np.rint(inside / self.ds).astype(np.intp)]
+
     @property
     def missing_at_starts(self) -> Floats:
-        """Volume missing at the start of every stretch, as length of the nominal section, (k,) [mm]."""
-        return -self._parts[:, 0] / self.nominal
+        """Volume missing at the start of every stretch, as length of the section wanted there, (k,) [mm]."""
+        return -self._parts[:, 0] / self._wanted_at_ends[:, 0]
 
     @property
     def excess_at_stops(self) -> Floats:
-        """Excess volume at the stops within the record, as length of the nominal section, (at most k,) [mm]."""
+        """Excess volume at the stops within the record, as length of the section wanted there, (at most k,) [mm]."""
         stopped = self.stretches[:, 1] < len(self.run.time)
-        return self._parts[stopped, 2] / self.nominal
+        return self._parts[stopped, 2] / self._wanted_at_ends[stopped, 1]
 
     @property
     def total_volume(self) -> float:
@@ -129,8 +139,13 @@ class Bead(BeadTrace, Shown):
 
     @property
     def requested_volume(self) -> float:
-        """Volume of the nominal section along the commanded path, while the dispenser is on [mm³]."""
-        return self.nominal * float(self.commanded_steps[self.bead_dispense[:-1]].sum())
+        """Volume of the wanted section along the commanded path, while the dispenser is on [mm³]."""
+        on = self.bead_dispense[:-1]
+        steps = self.commanded_steps
+        if not self.follows_material:
+            return self.nominal * float(steps[on].sum())
+        demand = self.without_dots(self.run.flow_demand[:-1], slice(0, len(self.run.time) - 1))
+        return float(demand[steps > 0].sum()) * self.run.period
 
     @property
     def volume_error_percent(self) -> float:
@@ -277,7 +292,7 @@ class Bead(BeadTrace, Shown):
     @cached_property
     def _offsets(self) -> tuple[Floats, Floats]:
         """Offsets of the bead's visible starts and stops from the nozzle's place at the commands [mm]."""
-        edges = spans(self.area >= 0.5 * self.nominal)
+        edges = spans(self.area >= 0.5 * self.wanted)
         rises = np.array([self._crossing(k) for k in edges[:, 0].tolist()])
         falls = np.array([self._crossing(k) for k in edges[:, 1].tolist()])
         starts = []
@@ -292,8 +307,9 @@ class Bead(BeadTrace, Shown):
         return np.array(starts), np.array(stops)
 
     def _crossing(self, station: int) -> float:
-        """Place before a station where the section is half the nominal one, or the trace's end [mm]."""
+        """Place before a station where the section is half the wanted one, or the trace's end [mm]."""
         if station in (0, self.place.size):
             return float(self.place[min(station, self.place.size - 1)])
-        a, b = self.area[station - 1 : station + 1].tolist()
-        return float(self.place[station - 1]) + self.ds * (0.5 * self.nominal - a) / (b - a)
+        near = slice(station - 1, station + 1)
+        a, b = (self.area[near] - 0.5 * self.wanted[near]).tolist()
+        return float(self.place[station - 1]) - self.ds * a / (b - a)

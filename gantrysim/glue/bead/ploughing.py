@@ -20,6 +20,9 @@ Three kinds of contact belong to laying a bead and do not count:
   contact there within the reach of that begin or end. The reach is the length of glue being laid, or `start` and `stop`
   where those are longer. An overlap beyond it counts, and so does a stretch that lies on another bead throughout.
 
+A dot is one round section: its chord is the same in all directions, and it counts as laid where its stretch of
+dispensing ends. A dot upon glue is a joint, too.
+
 The round ends of a bead and the hollow between shoulders are left out: a section there is as long as at its station.
 """
 
@@ -27,13 +30,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.jit import jit
+from gantrysim.glue.bead.dots import Dot
 from gantrysim.glue.bead.ends import upright
 from gantrysim.glue.bead.trace import BeadTrace
 
@@ -66,7 +70,7 @@ class Needle(NamedTuple):
 
 
 class Sections(NamedTuple):
-    """The bead's sections at the stations that have glue, in the order of the trace, (r,) each.
+    """The bead's sections at the stations that have glue, and its dots, in the order of the trace, (r,) each.
 
     Attributes:
         place: of the stations along the trace [mm].
@@ -79,6 +83,7 @@ class Sections(NamedTuple):
         drop: height of the segments' middle below the surface [mm].
         flat: half the width of the flat [mm].
         half: half the width of the section [mm].
+        is_dot: whether it is a dot.
         thickness: half the length of bead that a station stands for, where stations are rarer than the face [mm].
     """
 
@@ -94,6 +99,7 @@ class Sections(NamedTuple):
     drop: Floats
     flat: Floats
     half: Floats
+    is_dot: NDArray[np.bool_]
     thickness: float
 
 
@@ -256,11 +262,17 @@ def _is_low(position: _Position, needle: Needle, sections: Sections, k: int) -> 
 
 @jit
 def _chord(position: _Position, sections: Sections, k: int) -> tuple[float, float]:
-    """Distances of the needle's axis from a section: along the trace, and across it beyond the chord [mm]."""
+    """Distances of the needle's axis from a section: along the trace, and across it beyond the chord [mm].
+
+    Those from a dot are 0, and beyond its circle.
+    """
     dx = position.x - sections.x[k]
     dy = position.y - sections.y[k]
     along = abs(dx * sections.cosine[k] + dy * sections.sine[k])
     across = abs(dy * sections.cosine[k] - dx * sections.sine[k])
+    if sections.is_dot[k]:
+        along = 0.0
+        across = math.sqrt(dx * dx + dy * dy)
     height = max(position.z - sections.surface[k], 0.0) / sections.steep[k] + sections.drop[k]
     radius = sections.radius[k]
     # products, as numba compiles a loop for a power
@@ -309,31 +321,34 @@ class Ploughing:
     """Passes of the needle through glue that it has laid before.
 
     Attributes:
-        length: bead that the needle has passed through, each piece counted once [mm].
+        length: bead that the needle has passed through, each piece counted once, and each dot by its diameter [mm].
         passes: number of passes; two with less than a needle's diameter of motion in between are one.
-        depth: greatest depth of the face below a bead's top; 0 where it only touches [mm].
+        depth: greatest depth of the face below the glue's top; 0 where it only touches [mm].
+        dots: number of dots among it.
         tick: where the face is deepest in the longest pass; None without any.
     """
 
     length: float = 0.0
     passes: int = 0
     depth: float = 0.0
+    dots: int = 0
     tick: int | None = None
 
     @classmethod
     def of(cls, bead: BeadTrace, start: float, stop: float) -> Ploughing:
-        """Return the passes through a bead.
+        """Return the passes through a bead and its dots.
 
         Args:
-            bead: with a nominal section.
+            bead: with a nominal section, or dots.
             start: length after the begin of a stretch on which it may lie on a bead [mm].
             stop: length before the end of a stretch on which it may do so [mm].
         """
         wet = _wet(bead)
-        if not wet.any():
+        dots = [dot for dot in bead.dots if dot.volume > 0]
+        if not (wet.any() or dots):
             return cls()
-        sections = _sections(bead, wet)
-        behind = _BEHIND * float(bead.nominal_section.width[0]) + bead.run.face
+        sections = _with_dots(_sections(bead, wet), bead, dots)
+        behind = _BEHIND * max([bead.widest, *(dot.diameter for dot in dots)]) + bead.run.face
         run = bead.run
         needle = Needle(
             nozzle=np.ascontiguousarray(run.nozzle),
@@ -356,10 +371,13 @@ class Ploughing:
             return cls()
         lengths = [bead.length[after - 1] - bead.length[max(first - 1, 0)] for first, after in passes]
         first, after = passes[int(np.argmax(lengths))]
+        dotted = touched & sections.is_dot
         return cls(
-            length=float(np.count_nonzero(touched)) * bead.ds,
+            length=float(np.count_nonzero(touched & ~sections.is_dot)) * bead.ds
+            + 2 * float(sections.half[dotted].sum()),
             passes=len(passes),
             depth=max(float(depth.max()), 0.0),
+            dots=int(np.count_nonzero(dotted)),
             tick=first + int(depth[first:after].argmax()),
         )
 
@@ -390,8 +408,41 @@ def _sections(bead: BeadTrace, wet: NDArray[np.bool_]) -> Sections:
         drop=section.radius[wet] * math.cos(angle),
         flat=0.5 * section.flat[wet],
         half=0.5 * section.width[wet],
+        is_dot=np.zeros(np.count_nonzero(wet), bool),
         thickness=0.5 * max(bead.ds - 0.5 * bead.run.face, 0.0),
     )
+
+
+def _with_dots(sections: Sections, bead: BeadTrace, dots: list[Dot]) -> Sections:
+    """Return the sections with those of dots among them, in the order of the trace."""
+    if not dots:
+        return sections
+    last = bead.length.size - 1
+    radius = np.array([dot.cap.radius for dot in dots])
+    height = np.array([dot.cap.height for dot in dots])
+    x, y, foot = np.array([dot.foot for dot in dots]).T
+    sphere = (radius**2 + height**2) / (2 * height)
+    ones = np.ones(len(dots))
+    capped = Sections(
+        place=bead.length[[min(dot.stretch[1], last) for dot in dots]],
+        x=x,
+        y=y,
+        cosine=ones,
+        sine=0 * ones,
+        surface=foot,
+        top=foot + height,
+        steep=ones,
+        radius=sphere,
+        drop=sphere - height,
+        flat=0 * ones,
+        half=radius,
+        is_dot=ones > 0,
+        thickness=sections.thickness,
+    )
+    order = np.argsort(np.concatenate([sections.place, capped.place]), kind="stable")
+    both = zip(sections[:-1], capped[:-1], strict=True)
+    columns: list[Any] = [*(np.concatenate(pair)[order] for pair in both), sections.thickness]
+    return Sections(*columns)
 
 
 def _surface(bead: BeadTrace) -> Floats:
@@ -410,7 +461,7 @@ def _surface(bead: BeadTrace) -> Floats:
 
 
 def _joints(bead: BeadTrace, touches: NDArray[np.intp], reach: tuple[float, float]) -> NDArray[np.intp]:
-    """Return the contacts at the begins and ends of stretches of dispensing, first tick and the one after the last.
+    """Return the contacts at the begins and ends of stretches of dispensing and at dots, first tick and the one after.
 
     Args:
         bead: with its trace.
@@ -421,15 +472,17 @@ def _joints(bead: BeadTrace, touches: NDArray[np.intp], reach: tuple[float, floa
     high = bead.length[touches[:, 1] - 1]
     radius = 0.5 * bead.run.face
     # the glue laid at a begin or end reaches the other bead
-    near = radius + 0.5 * float(bead.nominal_section.width[0])
+    near = radius + 0.5 * max([bead.widest, *(dot.diameter for dot in bead.dots)])
     begins = bead.length[bead.stretches[:, 0]]
     ends = bead.length[np.minimum(bead.stretches[:, 1], bead.length.size - 1)]
+    dots = bead.length[[dot.stretch[0] for dot in bead.dots]] if bead.dots else begins[:0]
     is_joint = np.zeros(len(touches), bool)
-    for places, within in ((begins, reach[0]), (ends, reach[1])):
+    for places, within in ((begins, reach[0]), (ends, reach[1]), (dots, near)):
         # the contact comes near a place, and none of it lies farther than the reach from there
         nearest = np.searchsorted(places, np.maximum(low - near, high - within))
         is_joint |= nearest < np.searchsorted(places, np.minimum(high + near, low + within), "right")
     first = np.searchsorted(begins, low - radius)
+    # a stretch that lies on other glue throughout; a dot has no length that could
     is_whole = np.append(ends, np.inf)[first] <= high + radius
     return touches[is_joint & ~is_whole]
 

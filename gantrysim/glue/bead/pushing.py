@@ -40,7 +40,7 @@ def push_aside(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
     """Push glue above the ceiling aside, and return the largest height that remains above it, over the ceiling.
 
     A cell above its ceiling c hands its excess in equal parts to its neighbours, which do likewise: the divisible
-    sandpile, whose heap about a point is a disc (Levine and Peres, Potential Analysis 30, 2009). Excess so flows
+    sandpile, whose heap about a point is a disc (Levine and Peres, arXiv 0704.0688). Excess so flows
     through full cells, as a liquid between two plates does. With u the total that a cell hands on,
 
         h = h0 - u + sum(u / 4 of the neighbours),  u >= 0,  h <= c + k u,  and h = c + k u where u > 0,

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, lengths, spans
 from gantrysim.base.columns import by_blocks, extent
-from gantrysim.base.errors import whole
+from gantrysim.base.errors import check_type, whole
 from gantrysim.glue.bead.dots import Dot, dots_of, dotted_ticks
 from gantrysim.glue.bead.section import BeadSettings, Section
+from gantrysim.glue.dispenser.material import Material
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run, check_run
 
@@ -49,7 +50,7 @@ def surface_steps(run: Run) -> Floats:
 # Spreading of surplus glue along the trace.
 
 
-def spread(area: Floats, steady: float, width: float, ds: float, *, longest: float) -> Floats:
+def spread(area: Floats, steady: Floats | float, width: float, ds: float, *, longest: float) -> Floats:
     """Spread the surplus of a section over a steady one along the trace, as far as it is wide, (r,) [mm²].
 
     What is wider than one, two, four ... steady widths spreads over as much, one after the other: the height of a bead
@@ -57,17 +58,16 @@ def spread(area: Floats, steady: float, width: float, ds: float, *, longest: flo
 
     Args:
         area: section at the stations, (r,) [mm²].
-        steady: section above which glue spreads [mm²].
+        steady: section above which glue spreads, one or (r,) [mm²].
         width: of the steady section [mm].
         ds: distance of the stations [mm].
         longest: width from which nothing spreads further [mm].
     """
     limit = steady
-    slope = steady / width
     while (excess := np.maximum(area - limit, 0.0)).any() and width < longest:
         area = np.minimum(area, limit) + _averaged_section(excess, int(np.ceil(0.5 * width / ds)))
         width *= 2
-        limit = width * slope
+        limit = 2 * limit
     return area
 
 
@@ -101,6 +101,7 @@ _STATIONS = (2, 400_000)
 # tolerance of a steady section, and share of the ticks before a fault that must keep it
 _STEADY = 0.1
 _MOSTLY = 0.5
+_SAME_DEMAND = 1e-6  # of the largest flow demand, within which it is what E feeds
 _SHORTEST = 1e-6  # length of the trace of a dot [mm]
 _LEAST_GAP = 0.05  # of the nominal one, for a nozzle that dips into the work
 _WET = 1e-3  # of the nominal section; below, a stretch of bead has ended
@@ -134,6 +135,8 @@ class BeadTrace:
         stations: int | None = None,
     ) -> None:
         check_run(run)
+        if settings is not None:
+            check_type("settings", settings, BeadSettings, "BeadSettings", "a job has them as job.bead")
         self.run = run
         self.settings = BeadSettings() if settings is None else settings
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
@@ -234,6 +237,54 @@ class BeadTrace:
         return float(self.run.flow.max())
 
     @cached_property
+    def follows_material(self) -> bool:
+        """Whether the program states the section of each line, by the material that it feeds by E."""
+        run = self.run
+        if run.extrusion is None:
+            return False
+        fed = Material(np.asarray(run.extrusion)).laid()
+        demand = run.flow_demand
+        total = float(fed.sum())
+        if not (total > 0 and demand.any()):
+            return False
+        per_length = float(demand.sum()) / total
+        return bool(np.abs(demand - per_length * fed).max() <= _SAME_DEMAND * demand.max())
+
+    @cached_property
+    def wanted(self) -> Floats:
+        """Section that the program wants at the stations, (r,) [mm²].
+
+        It is what it feeds by E for each length of path, where it does so, and else the nominal one everywhere.
+        """
+        if self.nominal <= 0 or not self.follows_material:
+            return np.full(self.place.size, self.nominal)
+        steps = self.commanded_steps
+        moving = (steps > 0) & (self.run.flow_demand[:-1] > 0)
+        if self.dots:
+            moving &= ~self._dotted[:-1]
+        volume = cumulated_sums(np.where(moving, self.run.flow_demand[:-1], 0.0))
+        volume *= self.run.period
+        path = cumulated_sums(np.where(moving, steps, 0.0))
+        edges = np.concatenate([[-self.ds], self.place]) + 0.5 * self.ds
+        laid = np.diff(np.interp(edges, self._ascending, volume))
+        length = np.diff(np.interp(edges, self._ascending, path))
+        some = np.flatnonzero(length > _SHORTEST)
+        # beside the lines, the section of the nearest one
+        middles = 0.5 * (some[1:] + some[:-1])
+        nearest = some[np.searchsorted(middles, np.arange(self.place.size))]
+        return np.asarray(laid[nearest] / length[nearest], np.float64)
+
+    @cached_property
+    def wanted_section(self) -> Section:
+        """The wanted sections at the stations under a nozzle at its nominal height."""
+        return self._sections(self.wanted, np.full(self.place.size, self.gap))
+
+    @cached_property
+    def widest(self) -> float:
+        """Largest width that is wanted [mm]."""
+        return float(self.wanted_section.width.max()) if self.follows_material else float(self.nominal_section.width[0])
+
+    @cached_property
     def nominal(self) -> float:
         """Requested section, the median of flow demand over commanded speed [mm²].
 
@@ -253,7 +304,8 @@ class BeadTrace:
         # ramps and corners are few
         section = float(np.median(sections))
         steady = np.abs(sections - section) <= _STEADY * section
-        return section if self.run.fault is None or np.mean(steady) >= _MOSTLY else 0.0
+        is_known = self.run.fault is None or self.follows_material or np.mean(steady) >= _MOSTLY
+        return section if is_known else 0.0
 
     @property
     def commanded_steps(self) -> Floats:
@@ -307,11 +359,12 @@ class BeadTrace:
         return self._spread(np.maximum(laid / ds, 0.0))
 
     def _spread(self, area: Floats) -> Floats:
-        """Spread the surplus of a section over the nominal one along the trace."""
-        steady = self.nominal if self.nominal > 0 else float(area.max())
-        if steady <= 0:
+        """Spread the surplus of a section over the wanted one along the trace."""
+        steady = self.wanted if self.nominal > 0 else np.full(1, area.max())
+        usual = self.nominal if self.nominal > 0 else float(steady[0])
+        if usual <= 0:
             return area
-        width = float(self._sections(np.array([steady]), np.array([self.gap])).width[0])
+        width = float(self._sections(np.array([usual]), np.array([self.gap])).width[0])
         return spread(area, steady, width, self.ds, longest=2 * float(self.place[-1]))
 
     def _sections(self, area: Floats, gap: Floats) -> Section:

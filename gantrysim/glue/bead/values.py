@@ -17,11 +17,11 @@ class BeadValues:
         volume_error = ramp_error + start_error + running_error + stop_error,
 
     the first from the program, the others from the dispenser: a fixed flow demands more than the nominal section while
-    the path speed ramps, a fixed area does not. A start lasts until the flow's deviation from its demand settles to its
-    median over the stretch; a stop begins where it last has that value; in between a flow limit may reduce the flow.
+    the path speed ramps, a fixed area does not. A start lasts until the flow first meets its demand, or is steady short
+    of it; a stop begins where it last did; in between a flow limit may reduce the flow.
 
     Attributes:
-        nominal: requested section [mm²].
+        nominal: requested section; of a program that states one for each line by E, their median along the path [mm²].
         width: width while the dispenser is on [mm].
         section: cross-section while the dispenser is on [mm²].
         clearance: distance of neighbouring turns less their mean width, negative where they overlap; None for a trace
@@ -33,13 +33,13 @@ class BeadValues:
         apart_share: share of that area where the height map has no meaning, as the surfaces of the two turns lie apart
             in height, see `layers`; None likewise.
         height_apart: largest difference of height of neighbouring turns [mm]; None likewise.
-        missing_at_start: volume missing at a start, as length of the nominal section [mm].
+        missing_at_start: volume missing at a start, as length of the section requested there [mm].
         excess_at_stop: volume in excess at a stop, likewise; None where no stretch ends within the record [mm].
-        delay_at_start: place where half the nominal section is first reached, behind that of the nozzle at the command;
-            None where no stretch reaches it [mm].
+        delay_at_start: place where half the requested section is first reached, behind that of the nozzle at the
+            command; None where no stretch reaches it [mm].
         overrun_at_stop: the same for where the section was last as large [mm].
         volume: volume laid [mm³].
-        requested_volume: volume of the nominal section along the commanded path, while the dispenser is on [mm³].
+        requested_volume: volume of the requested sections along the commanded path, while the dispenser is on [mm³].
         ramp_error: volume that the program demands beyond that [mm³].
         start_error: volume laid beyond the demand until the flow has settled [mm³].
         running_error: the same from there to the stop [mm³].

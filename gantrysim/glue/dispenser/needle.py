@@ -49,9 +49,10 @@ class Needle:
         Q = C p^(1/n) (1 - phi)^(1 + 1/n) ((1 - phi)^2 + 2 a phi (1 - phi) + b phi^2),
         C = pi R^3 / (3 + 1/n) (R / (2 K L))^(1/n),  a = (3 n + 1) / (2 n + 1),  b = (3 n + 1) / (n + 1)
 
-    (Rabinowitsch integral; Chhabra and Richardson, Non-Newtonian Flow and Applied Rheology, 2nd ed. 2008, section 3.2).
-    With n = 1 it is a Bingham glue and the Buckingham-Reiner law. Without a yield stress it is a power-law glue,
-    Q = C p^(1/n); if also n = 1, K is the viscosity and the law that of Hagen and Poiseuille, Q = pi R^4 p / (8 K L).
+    which is the Rabinowitsch integral Q = pi R^3 / tau_w^3 times that of tau^2 ((tau - tau_y) / K)^(1/n) from tau_y to
+    the wall stress tau_w = p R / (2 L), as the shear stress grows with the radius and the glue sticks to the wall. With
+    n = 1 it is a Bingham glue and the Buckingham-Reiner law. Without a yield stress it is a power-law glue, Q = C
+    p^(1/n); if also n = 1, K is the viscosity and the law that of Hagen and Poiseuille, Q = pi R^4 p / (8 K L).
 
     Args:
         bore: inner diameter, 2 R [mm], or a gauge such as "21G".

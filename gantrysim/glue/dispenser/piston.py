@@ -20,11 +20,11 @@ class Piston:
     """A plunger, or a filament, that is driven into a volume of glue before the needle.
 
     Its stroke compresses the glue and widens syringe and tube before it drives the needle's flow; see
-    `gantrysim.glue.dispenser.pressurised` for the equations, which are those of a bulk modulus (Karnopp, Margolis and
-    Rosenberg, System Dynamics, 5th ed. 2012, chapter 4) and of the needle's Herschel-Bulkley flow. The lag of small
-    changes is C dp/dQ, which for a shear-thinning glue is shorter the higher the flow: no linear advance fits all.
-    Friction of the plunger costs force, but sticks nowhere. The melt of a filament has the viscosity of the needle's
-    glue whatever the flow: melting is not simulated. Nothing flows once the plunger has reached its end.
+    `gantrysim.glue.dispenser.pressurised` for the equations: a bulk modulus B = -V dp/dV stores V / B for each unit of
+    pressure, and the needle's flow is that of Herschel and Bulkley. The lag of small changes is C dp/dQ, which for a
+    shear-thinning glue is shorter the higher the flow: no linear advance fits all. Friction of the plunger costs force,
+    but sticks nowhere. The melt of a filament has the viscosity of the needle's glue whatever the flow: melting is not
+    simulated. Nothing flows once the plunger has reached its end.
 
     Attributes:
         plunger: diameter of the plunger, or of the filament [mm].

@@ -8,10 +8,10 @@ where C0 is the compliance of the walls and V the volume of glue of the bulk mod
 pressure of a vacuum the glue tears, so that p stays there while x falls. A motor that stalls holds the pressure at its
 limit. What is drawn back through the needle leaves a gap at its tip, which is filled before glue flows out again.
 
-Steps of a tenth of the time constant are taken by the two implicit stages of Alexander (SIAM J. Numer. Anal. 14, 1977),
-of second order; in a line so stiff that these were too many, longer ones by the implicit Euler method, which overshoots
-nothing. The equations of the stages are monotonic, and solved in a bracket. The volume through the needle is what the
-balance leaves, so that nothing is lost.
+Steps of a tenth of the time constant are taken in two implicit stages, at g and 1 of the step with g = 1 - 1/sqrt(2)
+and the weights 1 - g and g, of second order as (1 - g) g + g = 1/2; in a line so stiff that these were too many, longer
+ones by the implicit Euler method, which overshoots nothing. The equations of the stages are monotonic, and solved in a
+bracket. The volume through the needle is what the balance leaves, so that nothing is lost.
 """
 
 from __future__ import annotations

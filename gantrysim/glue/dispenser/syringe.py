@@ -25,11 +25,12 @@ class Syringe:
     used. Air flows in and out through the sonic conductance C of ISO 6358: with upstream pressure p1, downstream
     pressure p2, both absolute, and the critical pressure ratio b,
 
-        q = C p1 psi(p2 / p1),  psi(r) = 1 for r <= b, else sqrt(1 - ((r - b) / (1 - b))^2),
+        q = C p1 psi(p2 / p1),  psi(r) = 1 for r <= b, else sqrt(1 - ((r - b) / (1 - b))^2)
 
-    and the air pressure follows dp/dt = (p0 q - p dV/dt) / V with p0 = 100 kPa. This is isothermal, because the wall of
-    the barrel holds the temperature of so little air. A pressure pulse rises and falls with T = V / (C p0), more slowly
-    as the syringe empties. The piston has no friction. Nothing flows once the glue is used up.
+    (as also in the manuals of MapleSim's and Simscape's orifices by that standard), and the air pressure follows dp/dt
+    = (p0 q - p dV/dt) / V with p0 = 100 kPa. This is isothermal, because the wall of the barrel holds the temperature
+    of so little air. A pressure pulse rises and falls with T = V / (C p0), more slowly as the syringe empties. The
+    piston has no friction. Nothing flows once the glue is used up.
 
     Attributes:
         volume: volume of glue in a full syringe [ml].

@@ -22,11 +22,12 @@ class Pump:
 
         q = D n - g p.
 
-    The slip g p flows back through clearances; a progressive cavity pump with its interference fit has nearly none, a
-    gear pump by h^3 / viscosity of its clearances, and an auger most: its metering zone drags D n and leaks g p
-    (Rauwendaal, Polymer Extrusion, 5th ed. 2014, chapter 7). g goes with the inverse of the viscosity; here it is
-    constant. Nor are there the ripple of teeth or chambers, wear, or starvation at the inlet. Between pump and needle
-    the glue is stored in walls and hose.
+    The slip g p flows back through clearances: that of a progressive cavity pump depends on its geometry, the pressure
+    and the viscosity, and is small with an elastic stator (doi:10.1007/s12182-020-00458-6). An auger slips most: the
+    channel of its metering zone, W wide and H high, drags W H v / 2 and the pressure drives W H^3 / (12 viscosity)
+    dp/dz back, the flows between a plate that slides at v and one that rests. g goes with the inverse of the viscosity;
+    here it is constant. Nor are there the ripple of teeth or chambers, wear, or starvation at the inlet. Between pump
+    and needle the glue is stored in walls and hose.
 
     Attributes:
         displacement: volume of a revolution D, without slip [mm³/rev].

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from gantrysim.base.arrays import Floats
@@ -20,7 +21,7 @@ _NOISE = 6.0  # standard deviations beyond which a change is none of the noise
 _STILL = 5  # readings before the first switching that show a drift
 _DRIFT = 0.02  # of the mass, over the record
 _FASTEST = 5e3  # mean speed in a needle [mm/s]: at some metres per second glue leaves as a jet
-_SLOWEST = 1e-2  # the same: some hundredths of a millimetre per second are hours for a dot
+_SLOWEST = 0.05  # the same: some hundredths of a millimetre per second are hours for a dot
 _HIGHEST_PRESSURE = 2e4  # [kPa]
 _DENSITIES = (0.5, 10.0)  # [g/cm³]: of light foams to solder paste and silver glue
 _LARGEST_BEAD = 100.0  # width over gap
@@ -81,8 +82,7 @@ def _check_signs(experiment: Experiment) -> None:
 def _check_rise(experiment: Experiment, setting: str, rate: Floats, what: str) -> None:
     """Refuse a quantity that falls as its setting rises."""
     values = experiment.columns[setting]
-    correlation = float(spearmanr(values, rate).statistic) if np.ptp(rate) else 0.0
-    if correlation >= _OPPOSED:
+    if _correlation(values, rate) >= _OPPOSED:
         return
     low = int(values.argmin())
     high = int(values.argmax())
@@ -91,6 +91,11 @@ def _check_rise(experiment: Experiment, setting: str, rate: Floats, what: str) -
         f"{values[low]:.4g} to {values[high]:.4g}: it must rise; two columns are swapped, or the cells of one are in "
         "another order"
     )
+
+
+def _correlation(x: Floats, y: Floats) -> float:
+    """Return the correlation of the ranks, 0 where one is constant."""
+    return float(spearmanr(x, y).statistic) if np.ptp(x) and np.ptp(y) else 0.0
 
 
 def _check_varied(experiment: Experiment, setting: str, what: str) -> None:
@@ -109,7 +114,7 @@ def _check_saturated(experiment: Experiment, amount: Floats) -> None:
     at_top = np.flatnonzero(mass >= float(mass.max()))
     if at_top.size < _SAME or float(np.ptp(amount[at_top])) <= 0.1 * float(amount[at_top].min()):
         return
-    first, last = experiment.rows[at_top[[0, -1]]].tolist()
+    first, last = experiment.rows[at_top[[0, -1]]].astype(int).tolist()
     raise NotIdentifiedError(
         f"{experiment.label}: the mass stays at exactly {mass.max():.6g} mg in rows {first} to {last}, while more is "
         "dispensed: the scale is at its limit"
@@ -242,7 +247,7 @@ def _check_bead(measured: Measurements, experiment: Experiment) -> None:
         if not experiment.has(name):
             continue
         values = experiment.columns[name]
-        if is_alone and float(spearmanr(speed, values).statistic if np.ptp(values) else 0.0) > -_OPPOSED:
+        if is_alone and _correlation(speed, values) > -_OPPOSED:
             raise NotIdentifiedError(
                 f"{experiment.label}: the {name} grows with the speed at one flow: must fall; the columns speed and "
                 f"{name} are swapped, or in another order"
@@ -323,12 +328,12 @@ def _check_scale(measured: Measurements, experiment: Experiment) -> None:
         )
 
 
-def _active(measured: Measurements, experiment: Experiment) -> Floats:
+def _active(measured: Measurements, experiment: Experiment) -> NDArray[np.bool_]:
     """Return whether the dispenser is on, (n,)."""
     if measured.kind == "valve":
         command = experiment.columns["command"]
-        return command > 0.5 * float(command.max())
-    return experiment.columns[measured.driver] > 0
+        return np.asarray(command > 0.5 * float(command.max()))
+    return np.asarray(experiment.columns[measured.driver] > 0)
 
 
 def _slope(x: Floats, y: Floats) -> tuple[float, float]:

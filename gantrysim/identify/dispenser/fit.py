@@ -34,11 +34,16 @@ from gantrysim.identify.whiteness import LAGS
 
 NONE = {YIELD: 0.0, LEAK: 0.0, INDEX: 1.0}  # values of a term that a dispenser has not
 SHARE = 0.01  # usual error of a reading, of its value
-_PASSES = 4  # in which the errors' sizes are solution
+_PASSES = 3  # in which the errors' sizes are solution
+_TOLERANCE = 1e-7  # relative, of the sum of squares and of the variables
 _DIGIT = 12**-0.5  # standard deviation of rounding to a digit
 _LEAST_FREEDOM = 1.0
 _WRONG = 1e6  # residual of values that no needle has
 _CONFIDENCE = 0.95
+_STEP = 1e-4  # of a variable, for the derivative of a value
+_LEAST_WEIGHT = 1e-4  # probability of a choice that counts
+_WEIGHT_OF_ALL = 0.1  # least probability of the choice with every term
+_MOST_STEPS = 60
 _TRIED = 2  # of the starts, those from which a search is made
 
 
@@ -69,6 +74,27 @@ class Minimum(NamedTuple):
     blocks: tuple[tuple[Floats, Floats], ...]
     evidence: float
 
+    @property
+    def cost(self) -> float:
+        """Sum of squares that is minimised."""
+        return sum(float(residual @ residual) for residual, _ in self.blocks) + float(self.x @ self.x)
+
+
+class Choice(NamedTuple):
+    """A choice of terms, with its share of the probability.
+
+    Attributes:
+        weight: its probability.
+        x: variables, (p,).
+        covariance: (p, p).
+        freedom: degrees of freedom of each variable, (p,).
+    """
+
+    weight: float
+    x: Floats
+    covariance: Floats
+    freedom: Floats
+
 
 @dataclass(frozen=True, eq=False)
 class DispenserFit:
@@ -79,32 +105,43 @@ class DispenserFit:
         parameters: all that the measurements can bear on, (p,).
         readings: what was measured.
         errors: of the readings.
-        x: variables of the choice of terms with the largest evidence, (p,).
-        covariance: of the variables, over all choices, (p, p).
-        freedom: degrees of freedom of each, (p,).
-        full: the choice with every term.
+        choices: of terms, that with the largest evidence first, that with every term last.
+        full: the minimum with every term.
     """
 
     measured: Measurements
     parameters: tuple[Parameter, ...]
     readings: tuple[Reading, ...]
     errors: tuple[Errors, ...]
-    x: Floats
-    covariance: Floats
-    freedom: Floats
+    choices: tuple[Choice, ...]
     full: Minimum
+
+    @property
+    def x(self) -> Floats:
+        """Variables of the choice of terms with the largest evidence, (p,)."""
+        return self.choices[0].x
 
     @property
     def values(self) -> dict[str, float]:
         """Values of the parameters by name."""
         return values_of(self.parameters, self.x)
 
-    def half_width(self, gradient: Floats) -> float:
-        """Return half the 95 % interval of what has a gradient over the variables, (p,)."""
-        variance = float(gradient @ self.covariance @ gradient)
-        shares = (gradient**2) * np.diag(self.covariance)
-        freedom = float(shares.sum() / max((shares / self.freedom).sum(), 1e-300)) if shares.any() else np.inf
-        return float(student.ppf(0.5 + 0.5 * _CONFIDENCE, min(freedom, 1e6))) * np.sqrt(max(variance, 0.0))
+    def half_width(self, function: Callable[[Floats], float], choices: Sequence[Choice] = ()) -> float:
+        """Return half the 95 % interval of a function of the variables, over all choices of terms or some."""
+        choices = choices or self.choices
+        middle = function(choices[0].x)
+        whole_weight = sum(choice.weight for choice in choices)
+        variance = 0.0
+        freedom = 0.0
+        for choice in choices:
+            weight = choice.weight / whole_weight
+            value = function(choice.x)
+            gradient = np.array([(function(choice.x + step) - value) / _STEP for step in _STEP * np.eye(self.x.size)])
+            variance += weight * (float(gradient @ choice.covariance @ gradient) + (value - middle) ** 2)
+            shares = gradient**2 * np.diag(choice.covariance)
+            whole = float(shares.sum())
+            freedom += weight * (whole / float((shares / choice.freedom).sum()) if whole else 1.0)
+        return float(student.ppf(0.5 + 0.5 * _CONFIDENCE, freedom)) * float(np.sqrt(variance))
 
     def misfit(self, reading: Reading) -> float:
         """Return the rms difference of a reading from its prediction, over the rms of the reading."""
@@ -148,11 +185,12 @@ def fit_dispenser(measured: Measurements, progress: Callable[[float], None] = la
         progress(0.5 * (done + 1) / _PASSES)
     minima = []
     for done, absent in enumerate(choices):
-        minima.append(search.minimum(frozenset(absent), errors, [full.x, begins[0]]))
+        minima.append(search.minimum(frozenset(absent), errors, [full.x]))
         progress(0.5 + 0.5 * (done + 1) / len(choices))
-    # a smaller choice may have found a better minimum of the whole
-    full = search.minimum(frozenset(), errors, [minimum.x for minimum in minima])
-    minima[0] = full
+    # a smaller choice may have come to a better minimum of the whole
+    lowest = min(minima, key=lambda minimum: minimum.cost)
+    if lowest is not minima[0]:
+        minima[0] = search.minimum(frozenset(), errors, [lowest.x])
     return _weighed(search, minima, errors)
 
 
@@ -161,17 +199,12 @@ def _weighed(search: _Search, minima: Sequence[Minimum], errors: tuple[Errors, .
     scores = np.array([search.evidence(minimum) for minimum in minima])
     weights = np.exp(scores - scores.max())
     weights /= weights.sum()
-    best = minima[int(np.argmax(weights))]
-    covariance = np.zeros((best.x.size, best.x.size))
-    freedom = np.zeros(best.x.size)
-    for weight, minimum in zip(weights, minima, strict=True):
-        within, freedom_within = search.covariance(minimum, errors)
-        apart = minimum.x - best.x
-        covariance += weight * (within + np.outer(apart, apart))
-        freedom += weight * freedom_within
-    return DispenserFit(
-        search.model.measured, search.parameters, search.readings, errors, best.x, covariance, freedom, minima[0]
-    )
+    best = int(np.argmax(weights))
+    order = [best, *(k for k in range(1, len(minima)) if k != best and weights[k] > _LEAST_WEIGHT), 0]
+    # no glue is exactly Newtonian: the choice with every term counts in any case
+    weights[0] = max(float(weights[0]), _WEIGHT_OF_ALL)
+    choices = [Choice(float(weights[k]), minima[k].x, *search.covariance(minima[k], errors)) for k in order]
+    return DispenserFit(search.model.measured, search.parameters, search.readings, errors, tuple(choices), minima[0])
 
 
 class _Search(NamedTuple):
@@ -235,7 +268,9 @@ class _Search(NamedTuple):
         best = None
         for begin in begins:
             start = np.clip(begin, low + 1e-9, high - 1e-9)[free]
-            solution = least_squares(residuals, start, bounds=(low[free], high[free]), x_scale="jac", max_nfev=60)
+            bounds = (low[free], high[free])
+            tolerances = {"ftol": _TOLERANCE, "xtol": _TOLERANCE, "max_nfev": _MOST_STEPS}
+            solution = least_squares(residuals, start, bounds=bounds, x_scale="jac", **tolerances)
             if best is None or solution.cost < best.cost:
                 best = solution
         assert best is not None
@@ -266,7 +301,7 @@ class _Search(NamedTuple):
 
     def errors(self, minimum: Minimum) -> tuple[Errors, ...]:
         """Return the errors that a minimum leaves."""
-        inverse = np.linalg.inv(_information(minimum, self.parameters))
+        inverse = np.asarray(np.linalg.inv(_information(minimum, self.parameters)), float)
         differences = self.differences(minimum.x)
         result = []
         for reading, difference, (_, J) in zip(self.readings, differences, minimum.blocks, strict=True):
@@ -279,7 +314,7 @@ class _Search(NamedTuple):
 
     def evidence(self, minimum: Minimum) -> float:
         """Return the logarithm of a choice's evidence, up to a constant, over all sizes of the errors."""
-        inverse = np.linalg.inv(_information(minimum, self.parameters))
+        inverse = np.asarray(np.linalg.inv(_information(minimum, self.parameters)), float)
         score = minimum.evidence
         for reading, (residual, J) in zip(self.readings, minimum.blocks, strict=True):
             half = 0.5 * self._freedom(reading, J, inverse)
@@ -297,22 +332,23 @@ class _Search(NamedTuple):
         The variance is the larger of that of Gauss and Newton, and that of the residuals themselves, which may be
         larger where the settings have most weight, and correlated over time.
         """
-        H = _information(minimum, self.parameters)
-        inverse = np.linalg.inv(H)
         free = np.array([parameter.name in minimum.free for parameter in self.parameters])
-        inverse[~free] = 0.0
-        inverse[:, ~free] = 0.0
+        root = np.zeros((free.size, int(free.sum())))
+        # roots of the information's inverse, in which the usual covariance is the unit matrix
+        sizes, directions = np.linalg.eigh(_information(minimum, self.parameters)[np.ix_(free, free)])
+        root[free] = directions / np.sqrt(sizes)
+        inverse = root @ root.T
+        variance = np.maximum(np.diag(inverse), 1e-300)
         S = np.diag(free.astype(float))
         inverse_freedom = np.zeros(free.size)
-        variance = np.maximum(np.diag(inverse), 1e-300)
         for reading, (residual, J), error in zip(self.readings, minimum.blocks, errors, strict=True):
             S += _scores(reading, residual, J, inverse)
-            share = np.einsum("ij,jk,ki->i", inverse, J.T @ J, inverse) / variance
+            share = np.sum((J @ inverse) ** 2, axis=0) / variance
             inverse_freedom += share**2 / error.freedom
-        robust = inverse @ S @ inverse
-        wider = np.sqrt(np.maximum(np.diag(robust) / variance, 1.0))
-        freedom = 1.0 / np.maximum(inverse_freedom, 1e-6)
-        return inverse * np.outer(wider, wider), freedom
+        sizes, directions = np.linalg.eigh(root.T @ S @ root)
+        wide = root @ directions
+        covariance = wide * np.maximum(sizes, 1.0) @ wide.T
+        return covariance, 1.0 / np.maximum(inverse_freedom, 1e-6)
 
 
 def _information(minimum: Minimum, parameters: Sequence[Parameter]) -> Floats:

@@ -20,16 +20,15 @@ from gantrysim.glue.dispenser.volumetric import Pump
 from gantrysim.identify.dispenser.advice import Advice, advice_for
 from gantrysim.identify.dispenser.checks import check_measurements
 from gantrysim.identify.dispenser.fit import NONE, DispenserFit, check_explained, fit_dispenser, values_of
-from gantrysim.identify.dispenser.measurements import RECORD, Measurements
+from gantrysim.identify.dispenser.measurements import DOTS, RECORD, Measurements
 from gantrysim.identify.dispenser.model import (
-    CLOSING,
-    CLOSING_DEAD_TIME,
     COMPLIANCE,
     CONSISTENCY,
     CONTACT_ANGLE,
     DEAD_TIME,
     DISPLACEMENT,
     DROP,
+    EDGES,
     FLOW,
     INDEX,
     LEAK,
@@ -42,6 +41,7 @@ from gantrysim.identify.dispenser.model import (
     Model,
     needle_sizes,
     needle_with,
+    sample_interval,
 )
 from gantrysim.identify.result import KNOWN, KNOWN_DAMPING
 
@@ -67,9 +67,8 @@ GROUPS = (
 )
 _BOUNDS = {YIELD: 0.25, LEAK: KNOWN_DAMPING}  # largest half interval, of the value; of the others `KNOWN`
 _UNEXPLAINED = 0.15  # largest share of a reading that the law may leave
+_SHARE_OF_DOT = 0.1  # half interval of the open-time offset that is known, of the shortest open time
 _UNKNOWN = 10.0  # half interval from which no measurement bears on a value, of the value
-_STEP = 1e-4  # of a variable, for the derivative of a value
-_BETWEEN_ROWS = 0.5  # of the sample interval, by which a command's edge may be off
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ class DispenserIdentification:
     @cached_property
     def values(self) -> tuple[DispenserValue, ...]:
         """The parameters, and what follows from them."""
-        values = [self._parameter(k) for k in range(len(self.fit.parameters))]
+        values = [self._parameter(k) for k, shown in enumerate(self.fit.parameters) if shown.name not in EDGES]
         return (*values, *(self._derived(name) for name in self._derivable))
 
     def __getitem__(self, name: str) -> DispenserValue:
@@ -129,7 +128,7 @@ class DispenserIdentification:
     @cached_property
     def advice(self) -> Advice | None:
         """The two measurements that would narrow the intervals most; None where nothing can be added."""
-        needs = {value.name: self._bound(value.name) for value in self.values if value.name not in DERIVED}
+        needs = {parameter.name: self._bound(parameter.name) for parameter in self.fit.parameters}
         return advice_for(self.fit, needs)
 
     @property
@@ -229,46 +228,34 @@ class DispenserIdentification:
 
     def _slack(self, name: str) -> float:
         """Return the half interval within which a time is known, whatever its value [s]."""
-        return self._spacing if name in (*TIMES, OFFSET, LAG) else 0.0
-
-    @cached_property
-    def _spacing(self) -> float:
-        """The sample interval of the records, 0 without [s]."""
-        records = self.measured.of_kind(RECORD)
-        return max((float(np.median(np.diff(record.columns["time"]))) for record in records), default=0.0)
+        if name not in (*TIMES, OFFSET, LAG):
+            return 0.0
+        shortest = min((float(dots.columns["open time"].min()) for dots in self.measured.of_kind(DOTS)), default=0.0)
+        return max(sample_interval(self.measured), _SHARE_OF_DOT * shortest if name == OFFSET else 0.0)
 
     def _parameter(self, k: int) -> DispenserValue:
         parameter = self.fit.parameters[k]
-        x = float(self.fit.x[k])
-        gradient = np.zeros(self.fit.x.size)
-        gradient[k] = 1.0
-        half = self.fit.half_width(gradient)
-        if parameter.name in (DEAD_TIME, CLOSING_DEAD_TIME):
-            # the command has changed somewhere between two rows
-            half += _BETWEEN_ROWS * self._spacing / parameter.spread
         value = self.fit.values[parameter.name]
-        low = max(parameter.value(x - half), parameter.low)
-        high = min(parameter.value(x + half), parameter.high)
+        # of a term that the measurements do not need, the interval that it would have
+        choices = self.fit.choices[-1:] if value == NONE.get(parameter.name) else self.fit.choices
+        middle = float(choices[0].x[k])
+        half = self.fit.half_width(lambda x: float(x[k]), choices)
+        low = min(max(parameter.value(middle - half), parameter.low), value)
+        high = max(min(parameter.value(middle + half), parameter.high), value)
         reason = self._reason(parameter.name, value, low, high)
         return DispenserValue(parameter.name, parameter.label, parameter.unit, value, low, high, not reason, reason)
 
     def _derived(self, name: str) -> DispenserValue:
         """Return a value that follows from the parameters; its logarithm is normal where it is above zero."""
         unit, label = DERIVED[name]
-        x = self.fit.x
         is_log = name != OFFSET
 
-        def function(point: Floats) -> float:
-            value = self._value_of(name, values_of(self.fit.parameters, point))
+        def function(x: Floats) -> float:
+            value = self._value_of(name, values_of(self.fit.parameters, x))
             return math.log(max(value, 1e-300)) if is_log else value
 
-        middle = function(x)
-        gradient = np.zeros(x.size)
-        for k in range(x.size):
-            moved = x.copy()
-            moved[k] += _STEP
-            gradient[k] = (function(moved) - middle) / _STEP
-        half = self.fit.half_width(gradient)
+        middle = function(self.fit.x)
+        half = self.fit.half_width(function)
         ends = (middle - half, middle, middle + half)
         low, value, high = (math.exp(min(end, 700.0)) if is_log else end for end in ends)
         reason = self._reason(name, value, low, high)
@@ -276,7 +263,7 @@ class DispenserIdentification:
 
     def _value_of(self, name: str, values: dict[str, float]) -> float:
         if name == OFFSET:
-            return values[CLOSING_DEAD_TIME] + values[CLOSING] - values[DEAD_TIME] - values[OPENING]
+            return self._open_time_offset(values)
         needle = needle_with(values, *self._sizes)
         if name == LAG:
             return self._drive(values, needle).lags(self._record_flow(values))[0]
@@ -286,6 +273,17 @@ class DispenserIdentification:
         excess = max(stress - values[YIELD], 1e-9)
         rate = (excess / values[CONSISTENCY]) ** (1 / values[INDEX])
         return float(stress / rate)
+
+    def _open_time_offset(self, values: dict[str, float]) -> float:
+        """Return volume over settled flow, less the open time, of the longest dots or of those of a second [s]."""
+        dots = self.measured.of_kind(DOTS)
+        experiment = (dots or self.measured.of_kind(RECORD))[0]
+        times = experiment.columns["open time"] if dots else np.ones(1)
+        row = int(times.argmax())
+        model = Model(self.measured)
+        flow = float(model.steady(values, experiment)[0][row])
+        time = float(times[row])
+        return model.dot(values, experiment, row, time) / max(flow, 1e-12) - time
 
     def _drive(self, values: dict[str, float], needle: Needle) -> Drive:
         if self.measured.kind == VOLUMETRIC:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive, unknown
@@ -212,7 +213,8 @@ def _experiments(table: ColumnTable, given: Mapping[str, str]) -> list[Experimen
             continue
         rows = np.flatnonzero([pair == (label, kind) for pair in zip(labels, kinds, strict=True)])
         name = f"{label} ({kind})" if label else kind
-        experiments.append(_experiment(table.label, kind, name, {key: x[rows] for key, x in values.items()}, rows + 1))
+        cells = {key: x[rows] for key, x in values.items()}
+        experiments.append(_experiment(table.label, kind, name, cells, np.asarray(rows + 1, float)))
     if not experiments:
         raise InputError(f"{table.label}: has no rows with values")
     return experiments
@@ -247,8 +249,8 @@ def _kinds(label: str, values: Mapping[str, Floats], labels: Sequence[str]) -> l
     filled = {name: np.isfinite(x) for name, x in values.items()}
     none = np.zeros(count, bool)
 
-    def has(*names: str) -> Floats:
-        return np.any([filled.get(name, none) for name in names], axis=0)
+    def has(*names: str) -> NDArray[np.bool_]:
+        return np.asarray(np.any([filled.get(name, none) for name in names], axis=0))
 
     rests = none.copy()
     for name in ("pump speed", "plunger speed"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -33,9 +34,13 @@ PLUNGER = "piston.plunger"
 COMPLIANCE = "piston.compliance"
 DROP = "jet.drop"
 CONTACT_ANGLE = "contact_angle"
+# when the command of a record has changed, after the middle between two rows; no value of the dispenser
+RISING = "record.rising"
+FALLING = "record.falling"
 
 RHEOLOGY = (CONSISTENCY, INDEX, YIELD)
 TIMES = (DEAD_TIME, CLOSING_DEAD_TIME, OPENING, CLOSING)
+EDGES = (RISING, FALLING)
 
 _SETTLED = 40.0  # time constants after which a lag has settled
 _CELLS = 1500  # of the record of a driven dispenser, least number
@@ -117,7 +122,17 @@ def parameters_of(measured: Measurements) -> tuple[Parameter, ...]:
         chosen += _TIMES
     if measured.of_kind(BEAD):
         chosen.append(_ANGLE)
+    if has_record:
+        # anywhere between the two rows
+        half = 0.5 * sample_interval(measured)
+        chosen += [Parameter(name, "s", 0.0, half / math.sqrt(3), False, -half, half, name) for name in EDGES]
     return tuple(chosen)
+
+
+def sample_interval(measured: Measurements) -> float:
+    """Return the interval between the rows of the records, 0 without [s]."""
+    intervals = [float(np.median(np.diff(record.columns["time"]))) for record in measured.of_kind(RECORD)]
+    return max(intervals, default=0.0)
 
 
 def _largest_pressure(measured: Measurements) -> float:
@@ -267,13 +282,21 @@ class Model(NamedTuple):
 
     def _dots(self, values: Mapping[str, float], experiment: Experiment) -> Floats:
         """Return the volumes of dots, (n,) [mm³]."""
-        open_for = np.maximum(experiment.columns["open time"] + values[CLOSING_DEAD_TIME] - values[DEAD_TIME], 0.0)
-        tail = _SETTLED * values[CLOSING] + 1e-9
-        durations = [np.array([duration, tail]) for duration in open_for.tolist()]
-        volumes = [
-            self._volumes(values, experiment, k, pieces, np.array([1.0, 0.0])) for k, pieces in enumerate(durations)
-        ]
-        return np.array([float(volume.sum()) for volume in volumes])
+        open_for = experiment.columns["open time"].tolist()
+        return np.array([self.dot(values, experiment, row, time) for row, time in enumerate(open_for)])
+
+    def dot(self, values: Mapping[str, float], experiment: Experiment, row: int, open_time: float) -> float:
+        """Return the volume of a dot [mm³].
+
+        Args:
+            values: of the parameters by name.
+            experiment: with the pressure and the needle.
+            row: of the experiment.
+            open_time: time between the commands on and off [s].
+        """
+        flows_for = max(open_time + values[CLOSING_DEAD_TIME] - values[DEAD_TIME], 0.0)
+        durations = np.array([flows_for, _SETTLED * values[CLOSING] + 1e-9])
+        return float(self._volumes(values, experiment, row, durations, np.array([1.0, 0.0])).sum())
 
     def _volumes(
         self, values: Mapping[str, float], experiment: Experiment, row: int, durations: Floats, is_open: Floats
@@ -307,7 +330,9 @@ class Model(NamedTuple):
     def _valve(self, values: Mapping[str, float], experiment: Experiment, marks: Floats) -> Floats:
         """Return the volume that a valve has let out at some instants, (k,) [mm³]."""
         switched, is_open = switches(experiment)
-        delays = np.where(is_open[1:], values[DEAD_TIME], values[CLOSING_DEAD_TIME])
+        rising = values[DEAD_TIME] + values.get(RISING, 0.0)
+        falling = values[CLOSING_DEAD_TIME] + values.get(FALLING, 0.0)
+        delays = np.where(is_open[1:], rising, falling)
         # an edge that another one overtakes has no effect
         moved = np.maximum.accumulate(switched + delays)
         inside = moved[(moved > marks[0]) & (moved < marks[-1])]
@@ -324,8 +349,9 @@ class Model(NamedTuple):
         grid = np.linspace(marks[0], marks[-1], cells + 1)
         period = float(grid[1] - grid[0])
         rate = self._displaced(values, experiment)
-        # the speed changed somewhere between two rows: in the middle
-        edges = np.concatenate([grid[:1], 0.5 * (time[1:] + time[:-1]), grid[-1:]])
+        # the speed changed somewhere between two rows
+        middles = 0.5 * (time[1:] + time[:-1]) + values.get(RISING, 0.0)
+        edges = np.concatenate([[min(grid[0], middles[0])], middles, [max(grid[-1], middles[-1])]])
         moved = np.interp(grid, edges, np.concatenate([[0.0], np.cumsum(rate * np.diff(edges))]))
         bore, length = needle_sizes(experiment)
         needle = needle_with(values, float(bore[0]), float(length[0]))

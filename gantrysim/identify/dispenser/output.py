@@ -47,7 +47,7 @@ def advice_words(advice: Advice, identification: DispenserIdentification) -> str
     label = identification[advice.name].label
     return (
         f"measure next: {what}. Of all pairs tried these narrow the intervals most: that of {label} to "
-        f"{100 * advice.share:.0f} % of its width"
+        f"{100 * max(advice.share, 0.01):.0f} % of its width"
     )
 
 

@@ -101,12 +101,12 @@ def _flow(x: Experiment, density: float) -> Floats:
         mass = x.columns["mass"] / x.columns.get("dots", 1.0)
         return mass / time / density
     if x.kind == BEAD:
-        width = x.columns.get("width", x.columns.get("height"))
+        width = x.columns["width" if x.has("width") else "height"]
         height = x.columns.get("height", x.columns.get("gap", width))
         return np.asarray(_ROUND * x.columns["speed"] * width * np.minimum(height, width))
     time = x.columns["time"]
-    on = x.columns.get("command", np.ones(time.size))
-    on = on > 0.5 * float(on.max())
+    command = x.columns.get("command", np.ones(time.size))
+    on = command > 0.5 * float(command.max())
     if x.has("flow"):
         return np.full(1, float(np.quantile(x.columns["flow"], 0.9 if on.all() else 1 - 0.5 * float(np.mean(on)))))
     rise = float(x.columns["mass"][-1] - x.columns["mass"][0]) / density

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gantrysim.base.errors import InputError
 from gantrysim.glue.dispenser.dispenser import Dispenser
-from gantrysim.remedy.lever import Effort, Lever, Setting, State
+from gantrysim.remedy.lever import FREE, Effort, Lever, Setting, State
 from gantrysim.remedy.levers.numbers import factor_text, milliseconds, rounded_number
 from gantrysim.results.verdict import GLUE
 
@@ -86,7 +86,7 @@ LAG_COMPENSATION = Lever(
 LEADS = Lever(
     name="leads",
     meaning="times by which the valve opens and closes before the program's on and off",
-    cost="none",
+    cost=FREE,
     rows=(GLUE,),
     settings=_leads,
 )

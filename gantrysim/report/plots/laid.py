@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.collections import PolyCollection
+from matplotlib.patches import Circle
 
 from gantrysim.base.arrays import Floats
 from gantrysim.glue.bead import Bead
-from gantrysim.report.plots.style import COLOURS, UM, axes_on, colour_map
+from gantrysim.report.plots.style import COLOURS, UM, axes_on, colour_map, common_style, sheet
 from gantrysim.results.colours import INK, RIGHT, SHARE, WIDTH, ColourScale
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import PATH
@@ -20,7 +23,6 @@ if TYPE_CHECKING:
 
 _PIECES = 3000  # of the bead, each of one colour
 _DRY = 0.02  # of the nominal width; a narrower bead is none
-_THIN_LINE = 0.006  # width at which a path without glue is drawn, of its extent
 _MARGIN = 0.06  # around the bead, of its extent
 
 
@@ -36,9 +38,7 @@ def draw_laid(on: Figure | SubFigure | Axes, results: RunResults, text_size: flo
     axes.plot(line[:, 0], line[:, 1], color=COLOURS["requested"], lw=0.6, zorder=1)
     if bead is not None:
         _draw_stations(axes, results, bead, text_size)
-        for dot in bead.dots:
-            centre = dot.foot[:2]
-            axes.add_patch(_disc(centre, dot.cap.radius))
+        _draw_dots(axes, results, bead)
     place = results.verdict.worst_place
     if place is not None and place.point is not None and results.verdict.worst_row is not None:
         x, y, _ = place.point
@@ -64,10 +64,25 @@ def draw_laid(on: Figure | SubFigure | Axes, results: RunResults, text_size: flo
     return axes
 
 
-def _disc(centre: Floats, radius: float):
-    from matplotlib.patches import Circle
+def bead_picture(results: RunResults) -> bytes:
+    """Return the bead as a JPEG picture, 800 by 450 pixels: what stands in a film's place until it plays."""
+    with sheet(8.0, 4.5) as figure:
+        draw_laid(figure, results)
+    file = io.BytesIO()
+    with common_style():
+        figure.savefig(file, format="jpeg", dpi=100, pil_kwargs={"quality": 80})
+    return file.getvalue()
 
-    return Circle((float(centre[0]), float(centre[1])), radius, fc=RIGHT, ec=INK, lw=0.5, zorder=2)
+
+def _draw_dots(axes: Axes, results: RunResults, bead: Bead) -> None:
+    """Draw the dots as wide as they lie, coloured by the deviation of their volume."""
+    limit = results.job.limits(bead.run.face).dot_volume
+    errors = [verdict.volume_error for verdict in results.dots] or [math.nan] * len(bead.dots)
+    for dot, error in zip(bead.dots, errors, strict=True):
+        colour = RIGHT if math.isnan(error) else WIDTH.colour(error / limit)
+        x, y = dot.foot[:2]
+        axes.add_patch(Circle((float(x), float(y)), dot.cap.radius, fc=colour, ec=INK, lw=0.5, zorder=2))
+    axes.autoscale_view()
 
 
 def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float) -> None:
@@ -108,7 +123,7 @@ def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float
 
 def _colouring(results: RunResults, bead: Bead, nominal: float) -> tuple[Floats, ColourScale, tuple[str, str, str]]:
     """Return values at the stations in tolerances, their scale, and title and ends of the scale in words."""
-    tolerance = results.job.limits(results.budget.analysis.run.face)
+    tolerance = results.basis.limits(results.budget.analysis.run.face)
     if results.verdict.shown_row == PATH:
         budget = results.budget
         analysis = budget.analysis
@@ -125,8 +140,8 @@ def _colouring(results: RunResults, bead: Bead, nominal: float) -> tuple[Floats,
 def _add_scale(axes: Axes, collection: PolyCollection, ends: tuple[str, str, str], text_size: float) -> None:
     title, low, high = ends
     bar = axes.inset_axes((0.36, -0.045, 0.28, 0.022))
-    axes.figure.colorbar(collection, cax=bar, orientation="horizontal", ticks=[])
-    bar.collections[0].set_rasterized(True) if bar.collections else None
+    made = axes.figure.colorbar(collection, cax=bar, orientation="horizontal", ticks=[])
+    made.solids.set_rasterized(True)
     for text, place, align in ((low, (-0.03, 0.5), "right"), (high, (1.03, 0.5), "left")):
         bar.text(*place, text, transform=bar.transAxes, ha=align, va="center", fontsize=text_size)
     bar.text(0.5, -0.6, title, transform=bar.transAxes, ha="center", va="top", fontsize=text_size)

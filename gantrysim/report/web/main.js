@@ -6,7 +6,7 @@ import { Cursor } from "./cursor.js";
 import { RunData } from "./data.js";
 import { element } from "./dom.js";
 import { FilmLink } from "./film.js";
-import { fold } from "./folds.js";
+import { fold, markScrolling } from "./folds.js";
 import { Links } from "./links.js";
 import { Listing } from "./listing.js";
 import { regionOf } from "./map.js";
@@ -59,6 +59,7 @@ function start() {
   cursor.set(cursor.row, "start");
   copyButtons();
   fold();
+  markScrolling();
 }
 
 start();

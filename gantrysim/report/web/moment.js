@@ -15,8 +15,8 @@ export class Moment {
     const line = data.column.line[row];
     const parts = [`${row === data.worst ? "worst: " : ""}t = ${data.time[row].toFixed(3)} s`];
     if (line) parts.push(`line ${line}`);
-    parts.push(`path error ${data.text("contour", row)}`);
-    if (data.width) parts.push(`bead width ${data.text("width", row)}`);
+    if (!isNaN(data.size[row])) parts.push(`path error ${data.text("contour", row)}`);
+    if (data.width && data.column.dispense[row]) parts.push(`bead width ${data.text("width", row)}`);
     this.element.textContent = parts.join(" · ");
   }
 }

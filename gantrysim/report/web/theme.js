@@ -1,6 +1,7 @@
 // Colours of the page, light or dark, as its style sheet has them.
 
 const DARK = window.matchMedia("(prefers-color-scheme: dark)");
+const FORCED = window.matchMedia("(forced-colors: active)");
 
 /** Stops of a colour scale, [value, place, [red, green, blue]], ascending; gantrysim/results/colours.py has them. */
 function stopsOf(style, name) {
@@ -25,12 +26,21 @@ export function placeOn(stops, value) {
 }
 
 export function onTheme(listener) {
-  DARK.addEventListener("change", listener);
+  for (const query of [DARK, FORCED]) query.addEventListener("change", listener);
 }
 
 export function theme() {
   const style = getComputedStyle(document.documentElement);
-  const value = (name) => style.getPropertyValue(name).trim();
+  // forced colours are names of the system's, which WebGL does not know
+  const probe = document.querySelector("header");
+  const value = (name) => {
+    const given = style.getPropertyValue(name).trim();
+    if (!FORCED.matches) return given;
+    probe.style.color = given;
+    const colour = getComputedStyle(probe).color;
+    probe.style.color = "";
+    return colour;
+  };
   return {
     ink: value("--ink"),
     soft: value("--soft"),

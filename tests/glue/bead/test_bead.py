@@ -360,7 +360,7 @@ def test_starts_and_stops_are_told_from_a_speed_that_changes_all_the_time(seed):
 
 @pytest.mark.parametrize("slow", [1.0, 0.3])
 def test_a_start_is_that_of_the_first_speed_at_which_the_flow_settles(slow):
-    """12 lags at each speed: the start misses T A v1, the stop lays T A v2 too much, at any number of changes."""
+    """12 lags at both ends: the start misses T A v1, the stop lays T A v2 too much, however often the speed changes."""
     speeds = [60.0 * slow, *[100.0, 30.0] * 4, 50.0]
     bead, _ = stepped_bead(speeds, [12 * LAG, *[0.8 * LAG] * 8, 12 * LAG])
     assert bead.values.missing_at_start.mean == pytest.approx(LAG * 60.0 * slow, rel=2e-3)

@@ -304,6 +304,7 @@ def test_a_dispensing_needle_passes_a_section_only_where_its_axis_does(away, dis
         drop=0 * one,
         flat=0 * one,
         half=0.4 * one,
+        is_dot=one < 0,
         thickness=0.0,
     )
     y = np.linspace(-2.0, 2.0, 101)

@@ -1,0 +1,256 @@
+"""Causes of a bead's error: the bead of a record laid again without one cause at a time, and judged again.
+
+The glue does not act on the motion, so that no run is needed: the dispenser's flow, or the nozzle's place, is computed
+anew from the record.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.base.quantity import NOTHING, number_text
+from gantrysim.engine.recording import dispensed_otherwise
+from gantrysim.glue.bead import Bead
+from gantrysim.glue.bead.trace import cumulated_sums, surface_steps
+from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
+from gantrysim.glue.dispenser.material import Material
+from gantrysim.job.job import Job
+from gantrysim.job.lines import program_lines
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.record.run import Run
+from gantrysim.results.checks import PASS, Check
+from gantrysim.results.glue import glue_row
+from gantrysim.results.row import Row
+from gantrysim.results.verdict import places_of
+
+TITLE = "values of the glue without one cause at a time"
+
+_LEAST_SHIFT = 1e-9  # of the nozzle [mm]
+_OF_KINDS = ("pump", "piston", "motor", "jet")
+
+
+@dataclass(frozen=True)
+class GlueCause:
+    """A cause of a bead's error that can be switched off.
+
+    Attributes:
+        name: in a word or two.
+        off: what the bead without it is like.
+        without: returns the record without it, or the record itself where it is absent.
+        moves: whether that has another trace of the nozzle.
+    """
+
+    name: str
+    off: str
+    without: Callable[[Job, Bead], Run]
+    moves: bool = False
+
+
+def without_dead_time(dispenser: Dispenser) -> Dispenser:
+    """Return a dispenser without its dead time, and without the part of its leads that makes up for it."""
+    leads = {name: max(getattr(dispenser, name) - dispenser.dead_time, 0.0) for name in ("start_lead", "stop_lead")}
+    return replace(dispenser, dead_time=0.0, **leads) if dispenser.dead_time else dispenser
+
+
+def without_lag(dispenser: Dispenser) -> Dispenser:
+    """Return a dispenser whose flow follows its request after the dead time, without what compensates the lag."""
+    leads = {
+        name: min(getattr(dispenser, name), dispenser.dead_time) for name in ("start_lead", "stop_lead", "advance")
+    }
+    changes: dict[str, Any] = {"opening": 0.0, "closing": 0.0, "syringe": None, **leads, "advance": 0.0}
+    if dispenser.drive is not None:
+        changes |= {**dict.fromkeys(_OF_KINDS), "kind": VALVE}
+        if dispenser.per_e and not dispenser.filament:
+            # also of a piston, whose stroke E is
+            changes["e_volume"] = dispenser.per_e
+    instant = replace(dispenser, **changes)
+    is_same = replace(instant, **{name: getattr(dispenser, name) for name in (*leads, "advance")}) == dispenser
+    return dispenser if is_same else instant
+
+
+def _dispensed(change: Callable[[Dispenser], Dispenser]) -> Callable[[Job, Bead], Run]:
+    def without(job: Job, bead: Bead) -> Run:
+        changed = change(job.dispenser)
+        return bead.run if changed is job.dispenser else dispensed_otherwise(bead.run, changed)
+
+    return without
+
+
+def at_constant_speed(job: Job, bead: Bead) -> Run:
+    """Return a record whose glue lies as if the nozzle passed all of its path at one speed, the median with glue.
+
+    The dispenser gets the command of each place at the time at which the nozzle would then pass it.
+
+    Raises:
+        InputError: the job lays dots, which need a nozzle at rest.
+    """
+    run = bead.run
+    if bead.dots:
+        raise InputError("dots are laid at rest")
+    steps = surface_steps(run) / run.period
+    moving = run.dispense[:-1] & (steps > 0)
+    if not moving.any():
+        return run
+    speed = float(np.median(steps[moving]))
+    dispenser = job.dispenser
+    before = math.ceil(dispenser.start_lead / run.period) + 1
+    count = math.ceil(float(bead.length[-1]) / (speed * run.period)) + 1
+    place = speed * run.period * np.arange(count, dtype=np.float64)
+    tick = np.searchsorted(bead.length, place, "right") - 1
+    on = np.concatenate([np.zeros(before, bool), run.dispense[tick]])
+
+    def fed(values: Floats | None) -> Floats | None:
+        if values is None:
+            return None
+        return np.concatenate([np.full(before, values[0]), np.interp(place, bead.length, values)])
+
+    material = Material(fed(run.extrusion), fed(run.extruder), fed(run.analogue))
+    flow = dispenser.flows(on, np.where(on, speed, 0.0), run.period, material)
+    laid = cumulated_sums(flow[:-1] * run.period)[before:]
+    volume = np.interp(bead.length, place, laid)
+    constant = np.append(np.diff(volume) / run.period, 0.0)
+    constant[0] += volume[0] / run.period
+    demand = np.where(run.dispense, bead.nominal * np.append(steps, 0.0), 0.0)
+    return run.replaced(flow=constant, flow_demand=demand)
+
+
+def _moved(keep: tuple[float, float, float]) -> Callable[[Job, Bead], Run]:
+    """Return a function that takes the nozzle's contour error away along the axes of which 0 is kept."""
+
+    def without(job: Job, bead: Bead) -> Run:
+        analysis = bead.analysis
+        shift = analysis.nozzle.offset * (1.0 - np.array(keep))
+        if float(np.abs(shift).max(initial=0.0)) < _LEAST_SHIFT:
+            return bead.run
+        nozzle = np.array(bead.run.nozzle)
+        nozzle[analysis.ticks] -= shift
+        return bead.run.replaced(nozzle=nozzle)
+
+    return without
+
+
+GLUE_CAUSES = (
+    GlueCause(
+        "valve delay", "the flow begins to change at once, without the leads for it", _dispensed(without_dead_time)
+    ),
+    GlueCause("lag", "the flow follows its request after the dead time", _dispensed(without_lag)),
+    GlueCause("speed changes", "the nozzle passes all of its path at one speed", at_constant_speed),
+    GlueCause("path error", "the nozzle is above the requested path", _moved((0.0, 0.0, 1.0)), moves=True),
+    GlueCause("needle gap", "the needle's height above the work is exact", _moved((1.0, 1.0, 0.0)), moves=True),
+)
+
+
+@dataclass(frozen=True)
+class GlueEffect:
+    """The effect of switching off a cause of a bead's error.
+
+    Attributes:
+        cause: the cause.
+        row: the verdict on the glue without it; None where that is not known.
+        failure: why not.
+    """
+
+    cause: GlueCause
+    row: Row | None
+    failure: str = ""
+
+    def value(self, name: str) -> float:
+        """Return the value of a check by its name, in its unit; nan where it is unknown."""
+        return math.nan if self.row is None else value_of(self.row, name)
+
+
+def value_of(row: Row, name: str) -> float:
+    """Return the value of a check of a row by its name, in its unit; nan without it."""
+    return next((check.value for check in row.checks if check.name == name), math.nan)
+
+
+@dataclass(frozen=True)
+class GlueCauses:
+    """Effects of the causes of a bead's error.
+
+    Attributes:
+        row: the verdict on the glue of the run.
+        effects: effect of switching off each cause, in the order of `GLUE_CAUSES`.
+    """
+
+    row: Row
+    effects: tuple[GlueEffect, ...]
+
+    @property
+    def check(self) -> Check | None:
+        """The check whose causes are told: the worst one."""
+        return self.row.worst_check
+
+    def worth(self, effect: GlueEffect) -> float:
+        """Return the worst value less that without a cause, in its unit; negative where it offsets others."""
+        check = self.check
+        return math.nan if check is None else check.value - effect.value(check.name)
+
+    @property
+    def heads(self) -> list[str]:
+        """Headings of the table: the worst check first, what the cause is worth of it, then the other checks."""
+        first, *others = (
+            f"{check.label or check.quantity}{f' [{check.unit}]' if check.unit else ''}" for check in self.row.checks
+        )
+        return ["switched off", first, "worth", *others]
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """Rows of the table, by `heads`: the cause switched off, and the values without it."""
+        first = self.row.checks[0]
+        rows = [["nothing", *self._cells(self.row, NOTHING)]]
+        for effect in self.effects:
+            worth = number_text(first.value - effect.value(first.name), first.form)
+            rows.append([effect.cause.name, *self._cells(effect.row, worth)])
+        return rows
+
+    def _cells(self, row: Row | None, worth: str) -> list[str]:
+        values = [
+            NOTHING if row is None else number_text(value_of(row, check.name), check.form) for check in self.row.checks
+        ]
+        return [values[0], worth, *values[1:]]
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes on causes whose effect is not known."""
+        return [f"{effect.cause.name}: not known: {effect.failure}" for effect in self.effects if effect.failure]
+
+
+def glue_causes_of(job: Job, bead: Bead) -> GlueCauses | None:
+    """Return what each cause of a complete run's glue error is worth; None where no check of the glue fails or warns.
+
+    Args:
+        job: the job.
+        bead: of its run.
+    """
+    row = _judged(job, bead)
+    if row.worst_check is None or row.state == PASS:
+        return None
+    return GlueCauses(row, tuple(_effects(job, bead, row)))
+
+
+def _effects(job: Job, bead: Bead, row: Row) -> Iterator[GlueEffect]:
+    for cause in GLUE_CAUSES:
+        try:
+            run = cause.without(job, bead)
+            if run is bead.run:
+                yield GlueEffect(cause, row)
+                continue
+            analysis = Analysis(run) if cause.moves else bead.analysis
+            yield GlueEffect(cause, _judged(job, Bead(run, job.bead, analysis)))
+        except InputError as error:
+            yield GlueEffect(cause, None, str(error))
+
+
+def _judged(job: Job, bead: Bead) -> Row:
+    run = bead.run
+    width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else float("nan")
+    place_at = places_of(run, program_lines(job, len(run.time)))
+    return glue_row(bead, job.limits(run.face, width), place_at, is_requested=job.dispenser.flows_at_all)

@@ -1,0 +1,355 @@
+"""A dispenser identified from measurements that are made up without gantrysim."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gantrysim import Job
+from gantrysim.glue.dispenser.needle import Needle
+from gantrysim.identify.checks.finding import NotIdentifiedError
+from gantrysim.identify.dispenser.identification import identify_dispenser
+from gantrysim.identify.dispenser.measurements import needle_of, read_measurements
+from gantrysim.identify.dispenser.output import tables_text
+
+from support.dispensers import FLUIDS, KINDS, Fluid, bead_width, dispenser_data, tube_flow
+from support.soaked import suite_runs
+
+
+def identified(tmp_path, text, **options):
+    file = tmp_path / "data.csv"
+    file.write_text(text, encoding="utf-8")
+    return identify_dispenser(read_measurements([file], **options))
+
+
+CASES = [(kind, fluid, seed) for seed in range(5) for kind in KINDS for fluid in FLUIDS]
+
+
+@pytest.mark.parametrize(("kind", "fluid", "seed"), suite_runs(CASES, 2, 5))
+def test_intervals_hold_the_truth(tmp_path, kind, fluid, seed):
+    """Each by itself may miss one of its values; `test_coverage` counts them all."""
+    data = dispenser_data(kind, fluid, seed)
+    values = [value for value in identified(tmp_path, data.text).values if value.name in data.truth]
+    known = [value for value in values if value.identified]
+    missed = [value.name for value in known if not value.low <= data.truth[value.name] <= value.high]
+    assert len(missed) <= 1
+    for value in known:
+        assert value.value == pytest.approx(data.truth[value.name], rel=0.45)
+    assert len(known) >= len(values) - 2
+
+
+@pytest.mark.soak
+def test_coverage(tmp_path):
+    """60 sets: 95 % of the identified values are within their interval, and most are identified."""
+    known = 0
+    held = 0
+    fitted = 0
+    for kind, fluid, seed in CASES:
+        data = dispenser_data(kind, fluid, seed)
+        for value in identified(tmp_path, data.text).values:
+            if value.name not in data.truth:
+                continue
+            # a term that a dispenser has not cannot be identified
+            fitted += data.truth[value.name] != 0
+            known += value.identified
+            held += value.identified and value.low <= data.truth[value.name] <= value.high
+    assert held / known >= 0.95
+    assert known / fitted >= 0.85
+
+
+def weighings(fluid, pressures, share=0.004, time=30.0, bore=0.41, length=12.7):
+    """Rows of pressure, time and mass of a glue of 1.2 g/cm³, with a fixed noise of alternating sign."""
+    lines = ["pressure [kPa],time [s],mass [mg]"]
+    for k, pressure in enumerate(pressures):
+        mass = 1.2 * tube_flow(fluid, bore, length, pressure) * time * (1 + share * (-1) ** k * (1 + 0.3 * (k % 3)))
+        lines.append(f"{pressure},{time},{mass:.2f}")
+    return "\n".join(lines) + "\n"
+
+
+PRESSURES = (60.0, 100.0, 150.0, 220.0, 300.0, 400.0, 550.0, 700.0)
+GLUE = {"density": 1.2, "needle": (0.41, 12.7)}
+
+
+def test_a_newtonian_glue_has_no_other_terms(tmp_path):
+    found = identified(tmp_path, weighings(Fluid(8.0, 1.0, 0.0), PRESSURES), **GLUE)
+    assert found["needle.index"].value == 1
+    assert found["needle.yield_stress"].value == 0
+    assert found["needle.yield_stress"].reason == "includes zero"
+    assert found["needle.consistency"].identified
+    assert found["needle.consistency"].value == pytest.approx(8.0, rel=0.01)
+    assert found.tables["dispenser"]["needle"]["yield_stress"] == 0
+
+
+def test_a_yield_stress_is_found_from_pressures_that_show_it(tmp_path):
+    glue = Fluid(12.0, 0.7, 300.0)
+    found = identified(tmp_path, weighings(glue, (45.0, *PRESSURES)), **GLUE)
+    assert found["needle.yield_stress"].identified
+    assert found["needle.yield_stress"].low <= 300 <= found["needle.yield_stress"].high
+    # far above it the same glue shows none
+    far = identified(tmp_path, weighings(glue, (600.0, 640.0, 680.0, 720.0, 760.0), share=0.01), **GLUE)
+    assert not far["needle.yield_stress"].identified
+
+
+def test_without_its_needle_a_glue_has_no_consistency_but_a_flow(tmp_path):
+    """The flow at each pressure is measured; which glue it is depends on the needle."""
+    glue = Fluid(30.0, 0.6, 0.0)
+    found = identified(tmp_path, weighings(glue, PRESSURES), density=1.2)
+    assert found["needle.consistency"].reason == "needle not given"
+    assert found["needle.index"].identified
+    table = found.tables["dispenser"]
+    flow = float(Needle(**table["needle"]).flow(300.0))
+    assert flow == pytest.approx(tube_flow(glue, 0.41, 12.7, 300.0), rel=0.01)
+
+
+def test_the_tables_run_in_a_job_with_the_measured_flow(tmp_path):
+    found = identified(tmp_path, weighings(Fluid(30.0, 0.6, 0.0), PRESSURES), **GLUE)
+    program = "G21 G90 G64 P0.01\nG0 Z5\nG0 X10 Y10\nG1 Z0.3 F600\nM8\nG1 X60 F600\nM9\nG0 Z5\nM2\n"
+    (tmp_path / "line.ngc").write_text(program, encoding="utf-8")
+    head = 'name = "line"\nmachine = "xyz"\n[program]\ncontroller = "linuxcnc.Program"\nfile = "line.ngc"\n\n'
+    text = head + tables_text(found)
+    tables = tomllib.loads(text)
+    (tmp_path / "job.toml").write_text(text, encoding="utf-8")
+    job = Job.load(tmp_path / "job.toml")
+    pressure = tables["dispenser"]["pressure"]
+    on = job.setpoints.dispense
+    volume = float(job.dispenser.flow_demand(on, np.ones(on.size)).sum()) * job.setpoints.period
+    right = tube_flow(Fluid(30.0, 0.6, 0.0), 0.41, 12.7, pressure)
+    # 50 mm at 10 mm/s
+    assert volume == pytest.approx(right * 5.0, rel=0.02)
+    assert float(job.dispenser.flows(on, np.ones(on.size), job.setpoints.period).max()) == pytest.approx(
+        right, rel=0.02
+    )
+
+
+def test_dots_give_the_flow_and_the_difference_of_the_valve_s_times(tmp_path):
+    """Mass = density (q (t + offset)) by hand: 2 mm³/s, 4 ms more open than commanded."""
+    rows = [
+        f"{t},20,{20 * 1.1 * 2.0 * (1e-3 * t + 0.004) * (1 + e):.3f}"
+        for t, e in zip((20, 40, 60, 100, 200), (0.004, -0.003, 0.002, -0.002, 0.001), strict=True)
+    ]
+    found = identified(tmp_path, "open time [ms],dots,mass [mg]\n" + "\n".join(rows), density=1.1)
+    assert found["flow"].low <= 2.0 <= found["flow"].high
+    assert found["open_time_offset"].low <= 0.004 <= found["open_time_offset"].high
+    assert found["open_time_offset"].identified
+    assert not found["opening"].identified
+    assert found["opening"].reason == "not measured"
+    # the values that the dots leave open are written so that they repeat the dots
+    table = found.tables["dispenser"]
+    offset = table["closing_dead_time"] + table["closing"] - table["dead_time"] - table["opening"]
+    assert offset == pytest.approx(0.004, abs=5e-4)
+
+
+def test_advice_is_a_measurement_that_narrows(tmp_path):
+    """What is advised is made up and added: the interval narrows about as much as was said."""
+    glue = Fluid(30.0, 0.6, 0.0)
+    first = identified(tmp_path, weighings(glue, (300.0, 330.0, 360.0, 400.0, 430.0)), **GLUE)
+    assert first.advice.share < 0.8
+    assert any("kPa" in words for words in first.advice.words)
+    pressures = [float(words.split("at ")[1].split(" kPa")[0]) for words in first.advice.words]
+    more = identified(tmp_path, weighings(glue, (300.0, 330.0, 360.0, 400.0, 430.0, *pressures)), **GLUE)
+    name = first.advice.name
+
+    def width(found):
+        return found[name].high - found[name].low
+
+    assert width(more) < width(first)
+
+
+def test_a_fixed_flow_is_weighed_over_one_time_and_pressed_under_a_needle(tmp_path):
+    """2 mm³/s by hand, and a bead of 0.1 mm² that is a segment of 70°."""
+    rows = [f"10,{10 * 1.1 * 2.0 * (1 + e):.3f},,," for e in (0.003, -0.002, 0.004, -0.004, 0.001)]
+    rows += [f",,{v},1.0,{bead_width(2.0 / v, 1.0, 70.0, 0.72):.4f}" for v in (10, 20, 40)]
+    text = "time [s],mass [mg],speed [mm/s],gap [mm],width [mm]\n" + "\n".join(rows)
+    found = identified(tmp_path, text, density=1.1, needle=(0.41, 12.7))
+    assert found["flow"].value == pytest.approx(2.0, rel=0.005)
+    assert found["contact_angle"].low <= 70 <= found["contact_angle"].high
+    tables = found.tables
+    assert tables["dispenser"]["needle"] == {"bore": 0.41, "length": 12.7}
+    assert tables["bead"]["contact_angle"] == pytest.approx(70, abs=1.0)
+
+
+def test_a_pressure_at_which_nothing_flows_is_a_measurement(tmp_path):
+    glue = Fluid(12.0, 0.7, 300.0)
+    text = weighings(glue, (20.0, 30.0, *PRESSURES), share=0.01)
+    assert ",0.00\n" in text
+    found = identified(tmp_path, text, **GLUE)
+    assert found["needle.yield_stress"].identified
+    assert found["needle.yield_stress"].low <= 300 <= found["needle.yield_stress"].high
+
+
+def test_experiments_are_told_apart_by_their_names(tmp_path):
+    """Two records in one table, the time of each from zero; a command in volts."""
+    times = np.arange(0, 3, 0.02)
+    lines = [
+        f"{name},{t:.2f},{24 * (1 < t < 2)},{sound_mass(t):.2f}" for name in ("first", "second") for t in times.tolist()
+    ]
+    text = "experiment,time [s],command [V],mass [mg]\n" + "\n".join(lines)
+    found = identified(tmp_path, text, density=1.1)
+    assert [experiment.label for experiment in found.measured.experiments] == ["first (record)", "second (record)"]
+    assert found["flow"].value == pytest.approx(40 / 1.1, rel=0.01)
+    assert any("include those of the scale" in note for note in found.notes)
+
+
+def test_a_pump_s_slip_needs_two_needles(tmp_path):
+    """With one needle and a Newtonian glue only D / (1 + g / C) shows: pressure and flow are proportional."""
+    lines = ["pump speed [rpm],length [mm],time [s],mass [mg],pressure [kPa]"]
+    glue = Fluid(20.0, 1.0, 0.0)
+    displacement = 10.0
+    leak = 2e-4
+
+    def rows(length):
+        per_pressure = tube_flow(glue, 0.61, length, 1.0)
+        for k, speed in enumerate((5.0, 10.0, 20.0, 40.0, 80.0)):
+            pressure = displacement * speed / 60 / (per_pressure + leak)
+            mass = 1.2 * 30 * per_pressure * pressure * (1 + 0.002 * (-1) ** k)
+            lines.append(f"{speed},{length},30,{mass:.2f},{pressure * (1 + 0.002 * (-1) ** (k // 2)):.2f}")
+
+    rows(12.7)
+    one = identified(tmp_path, "\n".join(lines), density=1.2, needle=(0.61, 12.7))
+    assert not one["pump.leak"].identified
+    assert one["pump.displacement"].low <= displacement <= one["pump.displacement"].high
+    rows(50.0)
+    two = identified(tmp_path, "\n".join(lines), density=1.2, needle=(0.61, 12.7))
+    assert two["pump.leak"].identified
+    assert two["pump.leak"].low <= leak <= two["pump.leak"].high
+    assert two["pump.displacement"].low <= displacement <= two["pump.displacement"].high
+
+
+@pytest.mark.parametrize(
+    ("text", "size"), [("0.41x12.7", (0.41, 12.7)), ("22Gx12.7", (0.413, 12.7)), ("0.41 × 12.7 mm", (0.41, 12.7))]
+)
+def test_a_needle_is_bore_and_length(text, size):
+    assert needle_of(text) == size
+
+
+# Spoiled data, and what names the defect
+
+RIGHT = weighings(Fluid(8.0, 1.0, 0.0), PRESSURES)
+
+
+def changed(change, text=RIGHT):
+    """Return a table with the numbers of its rows changed."""
+    head, *lines = text.splitlines()
+    rows = [[float(cell) for cell in line.split(",")] for line in lines]
+    return "\n".join([head, *(",".join(f"{x:.6g}" for x in change(k, row)) for k, row in enumerate(rows))]) + "\n"
+
+
+def record_text(mass, command=None, times=None):
+    """Return a record of a scale over 3 s, on from 1 s to 2 s."""
+    times = np.arange(0, 3, 0.02) if times is None else times
+    on = ((times > 1) & (times < 2)).astype(int) if command is None else command
+    lines = [f"{t:.3f},{c},{m:.2f}" for t, c, m in zip(times, on, mass(times), strict=True)]
+    return "time [s],command,mass [mg]\n" + "\n".join(lines) + "\n"
+
+
+def sound_mass(times):
+    return 50 + 40 * np.clip(times - 1, 0, 1)
+
+
+BEADS = "speed [mm/s],gap [mm],width [mm]\n"
+SPOILED = {
+    "mass in mg read as g": (RIGHT.replace("[mg]", "[g]"), GLUE, "must be 0.05 to 5000 mm/s; check the units of mass"),
+    "mass in g read as mg": (changed(lambda k, r: [r[0], r[1], 1e-3 * r[2]]), GLUE, "g read as mg, or ms read as s?"),
+    "scale not tared": (
+        "pressure [kPa],time [s],mass [mg]\n"
+        + "".join(f"{p},{t},{250 + 0.02 * p * t:.2f}\n" for p in (100, 200, 300) for t in (10, 20, 40)),
+        GLUE,
+        "250 mg of the masses do not grow with the time: the scale was not tared",
+    ),
+    "scale drifts": (
+        record_text(lambda t: sound_mass(t) + 3 * t),
+        {"density": 1.1},
+        "before the dispenser is on, 18 % of what",
+    ),
+    "mass falls": (
+        record_text(lambda t: np.where(t > 1.5, 0.3, 1.0) * sound_mass(t)),
+        {"density": 1.1},
+        "the mass falls by",
+    ),
+    "time reversed": (
+        record_text(sound_mass, times=np.arange(3, 0, -0.02)),
+        {"density": 1.1},
+        "its time runs backwards",
+    ),
+    "two records": (
+        record_text(sound_mass, times=np.tile(np.arange(0, 3, 0.02), 2)),
+        {"density": 1.1},
+        "its time goes back from",
+    ),
+    "scale at its limit": (
+        changed(lambda k, r: [r[0], r[1], min(r[2], 80.0)]),
+        GLUE,
+        "the mass stays at exactly 80 mg in rows 6 to 8",
+    ),
+    "pressure never changed": (changed(lambda k, r: [300.0, r[1], r[2]]), GLUE, "pressure never changed, 300 to 300"),
+    "one speed": (
+        BEADS + "20,0.3,1.1\n20,0.4,1.0\n20,0.5,0.95\n",
+        {"needle": (0.41, 12.7)},
+        "speed never changed, 20 to 20",
+    ),
+    "speed and width swapped": (
+        "width [mm],gap [mm],speed [mm/s]\n10,0.4,1.4\n20,0.4,1.0\n40,0.4,0.7\n",
+        {"needle": (0.41, 12.7)},
+        "check that no columns are swapped",
+    ),
+    "time and mass swapped": (changed(lambda k, r: [r[0], r[2], r[1]]), GLUE, "columns mass and time are swapped"),
+    "another order": (
+        changed(lambda k, r: [PRESSURES[-1 - k], r[1], r[2]]),
+        GLUE,
+        "falls from 5.7 to 0.493 as pressure rises",
+    ),
+    "too few rows": ("\n".join(RIGHT.splitlines()[:4]), GLUE, "has 3 rows: must have at least 4"),
+    "no density": (RIGHT, {"needle": (0.41, 12.7)}, "the density of the glue is missing"),
+    "density in kg/m³": (RIGHT, {"density": 1200.0}, "density = 1200 g/cm³: must be 0.5 to 10 g/cm³; kg/m³ read as"),
+    "pressure in Pa": (changed(lambda k, r: [1e3 * r[0], r[1], r[2]]), GLUE, "a pressure in Pa read as kPa"),
+    "negative mass": (changed(lambda k, r: [r[0], r[1], r[2] - 40]), GLUE, "mass = -"),
+    "repeated row": (changed(lambda k, r: [300.0, 30.0, 55.0]), GLUE, "all its 8 rows are the same"),
+    "rows of two glues": (
+        changed(lambda k, r: [r[0], r[1], r[2] * (1 + k % 2)]),
+        GLUE,
+        "of the mass unexplained, must be at most 15 %",
+    ),
+    "command never changed": (
+        record_text(sound_mass, command=np.ones(150, int)),
+        {"density": 1.1},
+        "its command never changed",
+    ),
+    "two kinds": (
+        "pump speed [rpm],plunger speed [mm/s],time [s],mass [mg]\n" + "".join(f"{k},{k},5,{k}\n" for k in range(1, 6)),
+        {"density": 1.1},
+        "of different kinds of dispenser",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SPOILED)
+def test_spoiled_data_are_named(tmp_path, name):
+    text, options, sentence = SPOILED[name]
+    with pytest.raises(NotIdentifiedError) as caught:
+        identified(tmp_path, text, **options)
+    assert sentence in str(caught.value)
+
+
+def test_sound_data_pass(tmp_path):
+    """The same records and tables without their defects."""
+    found = identified(tmp_path, record_text(sound_mass), density=1.1)
+    assert found["flow"].value == pytest.approx(40 / 1.1, rel=0.01)
+    assert identified(tmp_path, RIGHT, **GLUE)["needle.consistency"].identified
+
+
+def test_the_example_of_the_docs_is_identified(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "dispensers.md").read_text(encoding="utf-8")
+    text = re.search(r"```csv\n(.*?)```", page, re.DOTALL)[1]
+    found = identified(tmp_path, text, density=1.35, needle=(0.41, 12.7))
+    shown = " ".join(page.split())
+    for name, form in (("needle.consistency", ".0f"), ("needle.index", ".2f"), ("contact_angle", ".0f")):
+        value = found[name]
+        assert value.identified
+        numbers = [f"{number:{form}}" for number in (value.value, value.low, value.high)]
+        assert re.search(r"{}\D+{}\D+{}".format(*map(re.escape, numbers)), shown)
+    assert found["needle.yield_stress"].reason == "includes zero"
+    assert found["open_time_offset"].value == pytest.approx(0.006, abs=5e-4)
+    assert not found["dead_time"].identified
+    assert any("a record of the flow" in words for words in found.advice.words)
