@@ -382,12 +382,12 @@ class Renderer(Closing):
         work = self.scene.machine.work
         place = data.xpos[work] + data.xmat[work].reshape(3, 3) @ (1e-3 * np.array(point))
         mujoco.mjv_updateCamera(self.model, data, self.view, self._drawn)
-        left, right = self._drawn.camera
-        forward = np.array(left.forward)
-        up = np.array(left.up)
+        eye, other_eye = self._drawn.camera
+        forward = np.array(eye.forward)
+        up = np.array(eye.up)
         # in the middle between the eyes
-        away = place - 0.5 * (np.array(left.pos) + np.array(right.pos))
-        depth = float(away @ forward) * left.frustum_top / left.frustum_near
+        away = place - 0.5 * (np.array(eye.pos) + np.array(other_eye.pos))
+        depth = float(away @ forward) * eye.frustum_top / eye.frustum_near
         if depth <= 0:
             return None
         width, height = self.size
