@@ -128,6 +128,8 @@ _GLOW = (1 - 1.1 * _LIT) / _LIT
 # wet glue reflects lights in small bright spots, whatever its colour
 _WET_SPECULAR = 1.0
 _WET_SHININESS = 0.3
+_WET_LIT = 0.45
+_WET_GLOW = 0.75 / _WET_LIT - 1.1
 _WETTED = 1.0  # height that a drop climbs up the needle, in radii of the free thread
 _ON_AXIS = 1e-4  # distance of parts in line with the needle [m]
 _HANGS = 3.0  # length that a drop hangs down, in radii of the free thread
@@ -199,6 +201,10 @@ class Scene:
         material = self.model.material(_BEAD).id
         self.model.mat_specular[material] = _WET_SPECULAR
         self.model.mat_shininess[material] = _WET_SHININESS
+        if self.scale is not None:
+            # a texture multiplies the specular light too: what is lit to the full would not shine
+            self.model.mat_rgba[material, :3] = _WET_LIT
+            self.model.mat_emission[material] = _WET_GLOW
         self.model.light_active[self.model.light(GLOSS).id] = 1
 
     def pose(self, tick: int) -> None:

@@ -451,7 +451,14 @@ def judged_by(**states):
 
 @pytest.mark.parametrize(
     "verdict",
-    suite_runs([judged_by(path="fail", glue="fail"), judged_by(), Verdict((), fault=30 * "stability, ")], 2),
+    suite_runs(
+        [
+            judged_by(path="fail", glue="fail"),
+            judged_by(),
+            Verdict((Row("path"), Row("glue")), fault=30 * "stability, "),
+        ],
+        2,
+    ),
     ids=lambda verdict: verdict.state,
 )
 def test_a_verdict_stands_above_its_picture_and_changes_nothing_else(xy, run, short, verdict):
