@@ -201,7 +201,7 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or its dispenser is never on.
         """
-        basis = self._basis("verdict")
+        basis = self._known_basis("verdict")
         from gantrysim.results.verdict import Verdict
 
         return Verdict.of(basis, self)
@@ -209,7 +209,7 @@ class Run(Shown):
     @property
     def known_verdict(self) -> Verdict | None:
         """The verdict; None where nothing can be judged: no glue, no job or rig, or code that may not run."""
-        is_judged = (self.job or self.rig) is not None and (self.fault is not None or bool(self.dispense.any()))
+        is_judged = self.basis is not None and (self.fault is not None or bool(self.dispense.any()))
         try:
             return self.verdict if is_judged else None
         except InputError:  # a saved job that names code which may not run here: its loops are unknown
@@ -249,7 +249,7 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or the folder cannot be written.
         """
-        basis = self._basis("report")
+        basis = self._known_basis("report")
         from gantrysim.remedy.report import changes_of
         from gantrysim.report.writing import write_report
 
@@ -265,24 +265,28 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or as `gantrysim.render.save_video`.
         """
-        basis = self._basis("film")
+        basis = self._known_basis("film")
         from gantrysim.render import save_video
 
         values: dict[str, Any] = {"bead": basis.bead, "label": basis.name, "verdict": self.known_verdict, **options}
         return save_video(basis.built_machine, self, file, **values)
 
-    def _basis(self, name: str) -> Basis:
-        """Return what judges the run: its job, or its rig with default tolerances; else raise InputError."""
-        if self.job is not None:
+    @cached_property
+    def basis(self) -> Basis | None:
+        """What judges the run: its job, or its rig with default tolerances; None for a record without either."""
+        if self.job is not None or self.rig is None:
             return self.job
-        if self.rig is None:
+        from gantrysim.job.basis import RigBasis
+
+        return RigBasis(self.rig, self)
+
+    def _known_basis(self, name: str) -> Basis:
+        if self.basis is None:
             raise InputError(
                 f"run.{name}: the record has neither its job nor its machine and servo: write run.replaced(job=job), "
                 f"or run.replaced(rig=gantrysim.Rig(machine, servo, dispenser)), with .{name} behind it"
             )
-        from gantrysim.job.basis import RigBasis
-
-        return RigBasis(self.rig, self)
+        return self.basis
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with a row per servo tick; `attrs` describe the run.
@@ -293,6 +297,15 @@ class Run(Shown):
             InputError: pandas is not installed.
         """
         return frame(self)
+
+    def _repr_html_(self) -> str:
+        return self._html
+
+    @cached_property
+    def _html(self) -> str:
+        from gantrysim.report.run_html import run_html
+
+        return run_html(self, super()._repr_html_())
 
     def facts(self) -> dict[str, str]:
         return {
