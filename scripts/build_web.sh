@@ -1,10 +1,12 @@
 #!/usr/bin/env bash
 # Builds the page's viewer from its sources in gantrysim/report/web, with esbuild: viewer.min.js, with uPlot, and the 3-D
-# view, viewer3d.min.js.gz, with three.js, compressed as pages carry it.
+# view, viewer3d.min.js.gz, with three.js, compressed as pages carry it; and the workbench, workbench.min.js, from
+# gantrysim/live/web and the viewer's sources.
 # Needs node, npm and the npm registry; users of gantrysim need none of them.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 web=$root/gantrysim/report/web
+live=$root/gantrysim/live/web
 uplot=1.6.32
 three=0.187.0
 esbuild=0.25.12
@@ -26,9 +28,16 @@ bundle() { # SOURCE TARGET LIBRARY FURTHER OPTIONS
 }
 bundle main.js viewer.min.js "uPlot $uplot, MIT, see LICENSE.uplot"
 bundle view3d.js viewer3d.min.js "three.js $three, MIT, see LICENSE.three" --global-name=gantrysimSpace
+# the workbench imports the viewer's sources from beside its own
+mkdir -p report/web live/web
+cp "$web"/*.js report/web
+cp "$live"/*.js live/web
+digest=$(cd "$root/gantrysim" && ls -- report/web/*.js live/web/*.js | grep -v '\.min\.js$' | LC_ALL=C sort | xargs cat | sha256sum | cut -d' ' -f1)
+bundle live/web/workbench.js workbench.min.js "uPlot $uplot, MIT, see LICENSE.uplot"
+cp workbench.min.js "$live/workbench.min.js"
 cp node_modules/uplot/dist/uPlot.min.css "$web/uplot.css"
 cp node_modules/uplot/LICENSE "$web/LICENSE.uplot"
 cp node_modules/three/LICENSE "$web/LICENSE.three"
 cp viewer.min.js "$web/viewer.min.js"
 gzip -9 --no-name --stdout viewer3d.min.js > "$web/viewer3d.min.js.gz"
-wc -c viewer3d.min.js "$web"/viewer*.min.js*
+wc -c viewer3d.min.js "$web"/viewer*.min.js* "$live"/workbench.min.js

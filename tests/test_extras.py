@@ -21,6 +21,7 @@ WHOLE = {
     "engine/device_places.py": "cuda",
     "engine/native/device.py": "cuda",
     "env": "learning",
+    "live": "live",
     "study/cluster.py": "dask",
 }
 GIGABYTES = {"cuda"}  # extras that are asked for by their names alone

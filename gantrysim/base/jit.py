@@ -47,6 +47,7 @@ UNCOMPILED = frozenset(
         "compare",
         "exchange",
         "job",
+        "live",
         "remedy",
         "results",
         "study",

@@ -170,6 +170,7 @@ def _show_table(heads: list[str], rows: list[list[str]], numeric: list[bool], ca
         show(table)
         return
     show(text_table(heads[:-1], [row[:-1] for row in rows], numeric[:-1], caption))
+    say(f"{heads[-1]}:")
     for name, text in dict.fromkeys((row[0], row[-1]) for row in rows):
         if text:
             say(f"{name}: {text}", wrap=True)

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
+from textwrap import wrap as wrapped_lines
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -86,12 +87,14 @@ def plain_table(content: PageTable) -> Table:
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], title: str) -> Table:
     """Return a table of texts for the terminal; columns of prose wrap."""
-    # a head stands above its unit
     table = Table(title=escape(title), title_justify="left", box=None, padding=(0, 1, 0, 0))
     for k, (head, is_number) in enumerate(zip(heads, numeric, strict=True)):
         is_prose = not is_number and is_prose_column(rows, k)
         justify: Literal["left", "right"] = "right" if is_number else "left"
-        table.add_column(escape(head.replace(", ", "\n").replace(" [", "\n[")), justify=justify, no_wrap=not is_prose)
+        # a head stands above its unit
+        parts = head.replace(" [", "\n[").split("\n")
+        lines = [line for part in parts for line in wrapped_lines(part, _LONGEST_CELL, break_long_words=False)]
+        table.add_column(escape("\n".join(lines)), justify=justify, no_wrap=not is_prose)
     for row in rows:
         table.add_row(*(escape(joined(cell)) for cell in row))
     return table
@@ -100,6 +103,11 @@ def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Seq
 def is_prose_column(rows: Sequence[Sequence[str]], column: int) -> bool:
     """Return whether a column of a table has cells that wrap."""
     return any(len(row[column]) > _LONGEST_CELL for row in rows)
+
+
+def columns() -> int:
+    """Return the width of the terminal in characters."""
+    return _output.width
 
 
 def fits(content: RenderableType) -> bool:

@@ -160,7 +160,7 @@ def errors_of(budget: Budget) -> Errors:
 
 TITLE = "contour error without one cause at a time, and rms by link [µm]"
 HEADS = ("switched off", "rms", "max", "worth")  # and the links
-CELL_FORM = ".2f"  # effects are often smaller than the decimals of `ERROR`
+CELL_FORM = ".1f"
 
 _SAME_STEP = 1e-9  # relative
 

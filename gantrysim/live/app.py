@@ -21,20 +21,26 @@ from gantrysim.live.packing import NOTHING, message
 from gantrysim.live.store import LONGEST_UPLOAD, Store
 from gantrysim.live.workbench import Workbench, version_of
 from gantrysim.live.worker import Message, Worker
+from gantrysim.results.colours import css_variables
 
 _LONGEST_QUEUE = 2000  # messages that wait for a tab, which is then closed
 _GLANCE = 0.3  # between two looks at the file that is followed [s]
 _TOO_LONG = 413
 _TRY_AGAIN = 1013  # code with which the WebSocket of a slow tab is closed
 _WEB = files("gantrysim.live") / "web"
-_STYLES = files("gantrysim.report") / "web"
+_REPORT = files("gantrysim.report")
 # what the page consists of: type, and the files one after the other
 _ASSETS = {
     "/": ("text/html; charset=utf-8", [_WEB / "index.html"]),
     "/workbench.js": ("text/javascript; charset=utf-8", [_WEB / "workbench.min.js"]),
     "/workbench.css": (
         "text/css; charset=utf-8",
-        [_STYLES / "uplot.css", _STYLES / "viewer.css", _WEB / "workbench.css"],
+        [
+            _REPORT / "page.css",
+            _REPORT / "web" / "uplot.css",
+            _REPORT / "web" / "viewer.css",
+            _WEB / "workbench.css",
+        ],
     ),
 }
 
@@ -147,7 +153,8 @@ class Hub:
 async def asset(request: Request) -> Response:
     """Return a part of the page."""
     kind, parts = _ASSETS[request.url.path]
-    return Response("".join(part.read_text(encoding="utf-8") for part in parts), media_type=kind)
+    variables = css_variables() if kind.startswith("text/css") else ""
+    return Response(variables + "".join(part.read_text(encoding="utf-8") for part in parts), media_type=kind)
 
 
 def app_of(hub: Hub) -> Starlette:

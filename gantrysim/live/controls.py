@@ -50,6 +50,8 @@ _PROGRAM = "program"
 _SERVO = "servo"
 _GLUE = "glue"
 _PLACEMENT = "placement"
+_MACHINE = "machine"
+_GROUPS = (_PROGRAM, _SERVO, _GLUE, _PLACEMENT, _MACHINE)  # in the order of the page
 
 _KINDS = (
     _Kind("program.acceleration", _PROGRAM, "acceleration", "mm/s²", *_RATIO, is_ratio=True),
@@ -86,7 +88,7 @@ class Control(NamedTuple):
         unit: of the value.
         meaning: in a few words.
         value: of the job as it is, a number, a name, or names of laws.
-        own: of the job as it was opened, to which it is reset.
+        initial: of the job as it was opened, to which it is reset.
         low, high: bounds of a number.
         is_ratio: whether the slider is logarithmic.
         options: names to choose from; empty for a number.
@@ -99,7 +101,7 @@ class Control(NamedTuple):
     unit: str
     meaning: str
     value: Any
-    own: Any
+    initial: Any
     low: float = 0.0
     high: float = 0.0
     is_ratio: bool = False
@@ -115,7 +117,8 @@ def controls_of(job: Job, opened: Job, override: float) -> list[Control]:
         opened: the same as it was opened, about whose values the sliders reach.
         override: of the programmed speed [%].
     """
-    return [*_choices(job, opened), *_override(opened, override), *_numbers(job, opened)]
+    controls = [*_override(opened, override), *_choices(job, opened), *_numbers(job, opened)]
+    return sorted(controls, key=lambda control: _GROUPS.index(control.group))
 
 
 def checked_values(values: Mapping[str, Any], controls: Sequence[Control]) -> dict[str, Any]:
@@ -155,13 +158,13 @@ def _check_name(key: str, name: Any, known: Sequence[str]) -> None:
 
 def _choices(job: Job, opened: Job) -> Iterator[Control]:
     machines = tuple(dict.fromkeys([opened.machine, *builtin_models()]))
-    yield Control(MACHINE, "machine", "machine", "", "", job.machine, opened.machine, options=machines)
+    yield Control(MACHINE, _MACHINE, "machine", "", "", job.machine, opened.machine, options=machines)
     law = [job.servo.law] if isinstance(job.servo.law, str) else list(job.servo.law)
-    own = [opened.servo.law] if isinstance(opened.servo.law, str) else list(opened.servo.law)
+    initial = [opened.servo.law] if isinstance(opened.servo.law, str) else list(opened.servo.law)
     # a law of the user's own is not chosen here
-    if own[0] in BASES and set(own[1:]) <= set(ADDITIONS):
+    if initial[0] in BASES and set(initial[1:]) <= set(ADDITIONS):
         yield Control(
-            LAW, _SERVO, "law", "", "law of the servo", law, own, options=tuple(BASES), additions=tuple(ADDITIONS)
+            LAW, _SERVO, "law", "", "law of the servo", law, initial, options=tuple(BASES), additions=tuple(ADDITIONS)
         )
 
 
@@ -178,17 +181,17 @@ def _numbers(job: Job, opened: Job) -> Iterator[Control]:
     known = set(known_keys(opened.model_dump(exclude_none=True), allow_code=False))
     meanings = _meanings(opened.program["controller"])
     for kind in _KINDS:
-        own = _number(opened, kind)
+        initial = _number(opened, kind)
         value = _number(job, kind)
-        if kind.key not in known or own is None or value is None or (kind.key in _OPTIONAL and own <= 0):
+        if kind.key not in known or initial is None or value is None or (kind.key in _OPTIONAL and initial <= 0):
             continue
         if kind.key == "servo.frequency" and has_loop_gains(opened.servo.model_dump(exclude_none=True)):
             continue
-        low = kind.low * own if kind.is_ratio else min(kind.low, own)
-        high = kind.high * own if kind.is_ratio else max(kind.high, own)
+        low = kind.low * initial if kind.is_ratio else min(kind.low, initial)
+        high = kind.high * initial if kind.is_ratio else max(kind.high, initial)
         if kind.group == _PLACEMENT:
-            low = own + kind.low
-            high = own + kind.high
+            low = initial + kind.low
+            high = initial + kind.high
         yield Control(
             kind.key,
             kind.group,
@@ -196,7 +199,7 @@ def _numbers(job: Job, opened: Job) -> Iterator[Control]:
             kind.unit,
             meanings.get(kind.key, ""),
             value,
-            own,
+            initial,
             float(f"{low:.12g}"),
             float(f"{high:.12g}"),
             kind.is_ratio,

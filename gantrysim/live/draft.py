@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -16,14 +18,15 @@ from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.overrides import absolute_machine
 
-Task = Literal["show", "improve", "report", "stop"]
+Task = Literal["show", "improve", "report", "stop", "end"]
 
 _LINE = re.compile(r"\bline (\d+)")
 _WORD = re.compile(r"['\"]([^'\"\n]{1,40})['\"]|\b([A-Z]-?\d[\d.]*)\b")
 _WHOLE = 100.0  # [%]
 
 
-class Draft(NamedTuple):
+@dataclass(frozen=True)
+class Draft:
     """A job as it is being edited.
 
     Attributes:
@@ -38,7 +41,7 @@ class Draft(NamedTuple):
     path: str
     text: str | None = None
     program: str | None = None
-    values: dict[str, Any] = {}
+    values: Mapping[str, Any] = field(default_factory=dict)
     override: float = _WHOLE
     version: int = 0
 
@@ -108,16 +111,16 @@ class Request(NamedTuple):
 
     Attributes:
         number: ascending.
-        task: "show" its run, "improve" it, write its "report", or "stop".
+        task: "show" its run, "improve" it, write its "report", "stop", or "end" the process.
         draft: the job; None to stop.
-        kept: job with which its run is compared; None for none.
+        reference: job with which its run is compared; None for none.
         folder: to write a report to.
     """
 
     number: int
     task: Task
     draft: Draft | None = None
-    kept: Draft | None = None
+    reference: Draft | None = None
     folder: str = ""
 
 

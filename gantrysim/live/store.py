@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +19,14 @@ _MOST_LISTED = 500  # files of a folder
 _JOB = ".toml"
 _NAME = re.compile(r"[^\w .+-]")
 _LONGEST_NAME = 100  # characters
+
+
+def _is_job(file: Path) -> bool:
+    """Return whether a file seems to be a job's: TOML with a table of its program."""
+    try:
+        return file.suffix.lower() == _JOB and "[program" in read_text(file, errors="replace", most=LONGEST_UPLOAD)
+    except (OSError, InputError):
+        return False
 
 
 class Saved(NamedTuple):
@@ -42,10 +51,14 @@ class Store:
 
     def names(self) -> dict[str, list[str]]:
         """Return the names of the jobs that can be opened: files of the folder, dropped ones, and built-in ones."""
-        known = {_JOB, *suffixes()}
-        files = sorted(file.name for file in self.folder.iterdir() if file.suffix.lower() in known and file.is_file())
+        programs = set(suffixes())
+        files = (
+            file
+            for file in sorted(self.folder.iterdir())
+            if file.is_file() and (file.suffix.lower() in programs or _is_job(file))
+        )
         return {
-            "folder": files[:_MOST_LISTED],
+            "folder": [file.name for file in islice(files, _MOST_LISTED)],
             "dropped": [file.name for file in self._uploads],
             "built-in": builtin_jobs(),
         }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ class Studio:
         self._allow_code = allow_code
         self._opened: tuple[tuple[Any, ...], Job] | None = None
         self._latest: Job | None = None
-        self._kept: tuple[Draft, RunResults] | None = None
+        self._reference: tuple[Draft, RunResults] | None = None
 
     def answer(self, request: Request, send: Send) -> None:
         """Compute the answer to a request, and send it in parts.
@@ -127,22 +128,22 @@ class Studio:
         results = _results(job, run)
         go_on()
         head |= _verdict(results.verdict) | {"sentence": headline(results)}
-        if request.kept is None:
+        if request.reference is None:
             content = ViewerData(results, most).content()
         else:
-            kept = self._kept_results(request.kept, go_on)
-            runs = ComparedRuns((ComparedRun.of(kept, "kept"), ComparedRun.of(results, "now")))
+            reference = self._reference_results(request.reference, go_on)
+            runs = ComparedRuns((ComparedRun.of(reference, "kept"), ComparedRun.of(results, "now")))
             content = OverlayData(runs, most).content()
-            head["kept"] = _verdict(kept.verdict)
+            head["kept"] = _verdict(reference.verdict)
         go_on()
         send("result", {"head": head, "parts": Parts.of(content), "toml": job.toml()})
 
-    def _kept_results(self, draft: Draft, go_on: Callable[..., None]) -> RunResults:
-        if self._kept is None or self._kept[0] != draft:
+    def _reference_results(self, draft: Draft, go_on: Callable[..., None]) -> RunResults:
+        if self._reference is None or self._reference[0] != draft:
             opened = draft.opened(self._scratch, allow_code=draft.path == self._allow_code)
             job = draft.job(opened)
-            self._kept = (draft, _results(job, job.run(go_on, engine=QUICK)))
-        return self._kept[1]
+            self._reference = (draft, _results(job, job.run(go_on, engine=QUICK)))
+        return self._reference[1]
 
     def _improve(self, draft: Draft, send: Send, go_on: Callable[..., None]) -> None:
         job = self._job(draft)
@@ -193,11 +194,11 @@ class Studio:
         """Return the values of the best combination, at the program's own speed; None where nothing is changed."""
         if not improvement.combination:
             return None
-        plain = draft._replace(override=100.0, program=None)
+        plain = replace(draft, override=100.0, program=None)
         base = dict(draft.values)
 
         def loaded(changes: Mapping[str, Any]) -> Job:
-            return plain._replace(values=base | dict(changes)).job(opened)
+            return replace(plain, values=base | dict(changes)).job(opened)
 
         return values_to_set(improvement.job, loaded)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from gantrysim.base.errors import InputError, unknown
@@ -87,7 +88,7 @@ class Workbench:
 
     def reload(self) -> None:
         """Take over what stands in the file now, with the page's controls; edits of its text can be undone to."""
-        self._change(self._draft._replace(text=None, program=None, version=version_of(self._draft.path)))
+        self._change(replace(self._draft, text=None, program=None, version=version_of(self._draft.path)))
 
     def do(self, order: Mapping[str, Any]) -> None:
         """Do what a page asks for.
@@ -101,8 +102,8 @@ class Workbench:
         orders: dict[str, Callable[[Mapping[str, Any]], None]] = {
             "open": lambda order: self.open(self._store.path(_text(order, "kind"), _text(order, "name"))),
             "set": self._set,
-            "program": lambda order: self._change(self._draft._replace(program=_text(order, "text"))),
-            "job": lambda order: self._change(self._draft._replace(text=_text(order, "text"), program=None, values={})),
+            "program": lambda order: self._change(replace(self._draft, program=_text(order, "text"))),
+            "job": lambda order: self._change(replace(self._draft, text=_text(order, "text"), program=None, values={})),
             "undo": lambda _: self._step(self._history, self._undone),
             "redo": lambda _: self._step(self._undone, self._history),
             "reset": lambda _: self._change(self._fresh(self._draft.path)),
@@ -173,11 +174,11 @@ class Workbench:
             raise InputError("values: must be a table")
         checked = checked_values(values, self._controls())
         override = checked.pop(OVERRIDE, self._draft.override)
-        remaining = {key: value for key, value in (self._draft.values | checked).items() if value is not None}
+        remaining = {key: value for key, value in ({**self._draft.values, **checked}).items() if value is not None}
         # a drag of a slider is one step
         is_step = not self._is_dragging
         self._is_dragging = bool(order.get("dragging"))
-        draft = self._draft._replace(values=remaining, override=100.0 if override is None else override)
+        draft = replace(self._draft, values=remaining, override=100.0 if override is None else override)
         self._change(draft, is_step=is_step)
 
     def _controls(self) -> list[Control]:
@@ -200,10 +201,10 @@ class Workbench:
         if not isinstance(number, int) or not 0 <= number < len(proposals):
             raise InputError(f"proposal {number}: there are {len(proposals)}")
         proposal = proposals[number]
-        draft = self._draft._replace(values=self._draft.values | proposal["values"])
+        draft = replace(self._draft, values={**self._draft.values, **proposal["values"]})
         if proposal["program"] is not None:
-            draft = draft._replace(program=proposal["program"])
-        self._change(draft._replace(override=100.0) if proposal["is_whole"] else draft)
+            draft = replace(draft, program=proposal["program"])
+        self._change(replace(draft, override=100.0) if proposal["is_whole"] else draft)
 
     def _save(self, order: Mapping[str, Any]) -> None:
         if self.is_stale or not self._toml:
@@ -222,7 +223,7 @@ class Workbench:
 def version_of(path: str) -> int:
     """Return a number that changes with a file, 0 where it cannot be read."""
     try:
-        status = os.stat(path)
+        status = Path(path).stat()
     except OSError:
         return 0
     return status.st_mtime_ns + status.st_size

@@ -24,6 +24,8 @@ from gantrysim.live.draft import Request
 PATIENCE = 2.0  # with an older request, which ends at its next report of progress [s]
 _LONG_PATIENCE = 120.0  # while the process imports, or compiles once for this machine [s]
 _GLANCE = 0.1  # [s]
+_FAREWELL = 10.0  # in which the process keeps what it has compiled [s]
+_LAST = 1 << 62  # number of the last request
 
 
 class Message(NamedTuple):
@@ -76,10 +78,12 @@ class Worker:
             self._send(request)
 
     def close(self) -> None:
-        """End the process."""
+        """End the process, which keeps what it has compiled unless it takes too long."""
         with self._lock:
             self._is_closed = True
-            self._process.kill()
+            self._send(Request(_LAST, "end"))
+        self._process.join(_FAREWELL)
+        self._process.kill()
         self._process.join()
 
     def _send(self, request: Request) -> None:
@@ -169,6 +173,8 @@ def work(pipe: Connection, parent: int, allow_code: str) -> None:
         send(0, "ready", {})
         while True:
             request = requests.get()
+            if request.task == "end":
+                return
             if request.number != studio.newest or request.task == "stop":
                 continue
             send(request.number, "begun", {"task": request.task})

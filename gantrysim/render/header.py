@@ -37,21 +37,35 @@ def labels_of(runs: Sequence[SavedRun]) -> list[str]:
     """Return the labels of saved runs.
 
     A single run is labelled by its job's name, several by the values in which their jobs differ ("loop_period = 1 s")
-    or by their folders where no value differs, more than three do, or one is too long.
+    or by their folders where no value differs, or all that differ are too long.
     """
     if len(runs) == 1:
         return [runs[0].job.name]
-    jobs = [_flat(run.job.model_dump(exclude={"name"})) for run in runs]
-    keys = dict.fromkeys(key for job in jobs for key in job)
-    differing = [key for key in keys if any(job.get(key) != jobs[0].get(key) for job in jobs)]
-    values = [[_text(run.job, key, job.get(key)) for key in differing] for run, job in zip(runs, jobs, strict=True)]
-    longest = max((len(text) for row in values for text in row), default=0)
-    if not 1 <= len(differing) <= _MOST_KEYS or longest > _LONGEST_VALUE:
-        names = [expanded(run.folder).resolve().name for run in runs]
-        return names if len(set(names)) == len(names) else [str(run.folder) for run in runs]
-    short_keys = [key.rpartition(".")[2] for key in differing]
-    names = [short if short_keys.count(short) == 1 else key for short, key in zip(short_keys, differing, strict=True)]
-    return [", ".join(f"{name} = {text}" for name, text in zip(names, row, strict=True)) for row in values]
+    labels = differences([run.job for run in runs])
+    if labels is not None:
+        return labels
+    names = [expanded(run.folder).resolve().name for run in runs]
+    return names if len(set(names)) == len(names) else [str(run.folder) for run in runs]
+
+
+def differences(jobs: Sequence[Job]) -> list[str] | None:
+    """Return what each of some jobs differs in from the others, three values at most; None where all are long."""
+    contents = [_flat(job.model_dump(exclude={"name"})) for job in jobs]
+    keys = dict.fromkeys(key for content in contents for key in content)
+    differing = [key for key in keys if any(content.get(key) != contents[0].get(key) for content in contents)]
+    texts = {
+        key: [_text(job, key, content.get(key)) for job, content in zip(jobs, contents, strict=True)]
+        for key in differing
+    }
+    shown = [key for key in differing if max(map(len, texts[key])) <= _LONGEST_VALUE][:_MOST_KEYS]
+    if not shown:
+        return None
+    short_keys = [key.rpartition(".")[2] for key in shown]
+    names = [short if short_keys.count(short) == 1 else key for short, key in zip(short_keys, shown, strict=True)]
+    more = len(differing) - len(shown)
+    rest = [f"{more} more"] if more else []
+    rows = zip(*(texts[key] for key in shown), strict=True)
+    return [", ".join([*(f"{name} = {text}" for name, text in zip(names, row, strict=True)), *rest]) for row in rows]
 
 
 def _flat(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

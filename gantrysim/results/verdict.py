@@ -50,7 +50,8 @@ class Verdict(Shown):
         fault: description of the fault that ended the run early; empty for a complete run. No row is then judged.
         contradiction: why the errors of a complete run are not known, see `gantrysim.metrics.budget`; empty
             where they are. No row is then judged.
-        stall: that the dispenser's motor stalls, or does not follow its command, and when; empty where it follows.
+        stall: that the dispenser's motor stalls, or does not follow its command, when, and what it was asked for; empty
+            where it follows.
         tolerance: limits; None for a run that a fault ended.
         disturbances: deliberate faults that occurred in a complete run, by time; its rows are judged with them.
     """
@@ -271,7 +272,8 @@ def _stall(loads: Iterable[Load], run: Run) -> str:
     if not exceeded:
         return ""
     first = min(exceeded, key=lambda load: load.tick)
-    return f"the dispenser's motor {first.event} at t = {run.time[first.tick]:.3f} s"
+    asked = f"{first.name} {first.value:.4g} {first.unit}, limit {first.limit:.4g} {first.unit}"
+    return f"the dispenser's motor {first.event} at t = {run.time[first.tick]:.4f} s: {asked}"
 
 
 def places_of(run: Run, line_at: Callable[[float], int | None]) -> PlaceAt:

@@ -82,8 +82,7 @@ def _check_signs(experiment: Experiment) -> None:
 def _check_rise(experiment: Experiment, setting: str, rate: Floats, what: str) -> None:
     """Refuse a quantity that falls as its setting rises."""
     values = experiment.columns[setting]
-    correlation = float(spearmanr(values, rate).statistic) if np.ptp(rate) else 0.0
-    if correlation >= _OPPOSED:
+    if _correlation(values, rate) >= _OPPOSED:
         return
     low = int(values.argmin())
     high = int(values.argmax())
@@ -92,6 +91,11 @@ def _check_rise(experiment: Experiment, setting: str, rate: Floats, what: str) -
         f"{values[low]:.4g} to {values[high]:.4g}: it must rise; two columns are swapped, or the cells of one are in "
         "another order"
     )
+
+
+def _correlation(x: Floats, y: Floats) -> float:
+    """Return the correlation of the ranks, 0 where one is constant."""
+    return float(spearmanr(x, y).statistic) if np.ptp(x) and np.ptp(y) else 0.0
 
 
 def _check_varied(experiment: Experiment, setting: str, what: str) -> None:
@@ -243,7 +247,7 @@ def _check_bead(measured: Measurements, experiment: Experiment) -> None:
         if not experiment.has(name):
             continue
         values = experiment.columns[name]
-        if is_alone and float(spearmanr(speed, values).statistic if np.ptp(values) else 0.0) > -_OPPOSED:
+        if is_alone and _correlation(speed, values) > -_OPPOSED:
             raise NotIdentifiedError(
                 f"{experiment.label}: the {name} grows with the speed at one flow: must fall; the columns speed and "
                 f"{name} are swapped, or in another order"

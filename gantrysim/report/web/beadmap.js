@@ -15,24 +15,24 @@ export class BeadMap {
   constructor(data, cursor, region) {
     this.data = data;
     this.byError = Boolean(data.width) && data.shown === "path";
-    const { x, y, width } = data.column;
     const place = { x: 0, y: 0 };
     this.map = new PlanMap({
       name: data.width ? "Bead as laid, coloured by the deviation of its width" : "Dots as laid, coloured by their volume",
       data,
       cursor,
       region,
-      points: (row) => Object.assign(place, { x: x[row], y: y[row] }),
+      points: (row) => Object.assign(place, { x: data.column.x[row], y: data.column.y[row] }),
       draw: (context, map, colours) => this._draw(context, map, colours),
-      describe: (row) => `t = ${data.time[row].toFixed(3)} s${width ? `, bead width ${data.text("width", row)}` : ""}`,
+      describe: (row) => `t = ${data.time[row].toFixed(3)} s${data.column.width ? `, bead width ${data.text("width", row)}` : ""}`,
     });
-    this.widest = !width ? 0 : width.reduce((most, value) => (value > most ? value : most), 0);
-    this.scale = new ScaleBar(data, !this.byError);
     this.element = element("figure", { class: "view bead" }, this._caption(), this.map.surface);
   }
 
   _caption() {
     const { data } = this;
+    const { width } = data.column;
+    this.widest = !width ? 0 : width.reduce((most, value) => (value > most ? value : most), 0);
+    this.scale = new ScaleBar(data, !this.byError);
     const scale = this.scale.element;
     const count = data.dots.length === 1 ? "1 dot" : `${data.dots.length} dots`;
     if (!data.width) return element("figcaption", {}, element("b", {}, "Dots"), `volume of ${count}`, scale);
@@ -43,6 +43,12 @@ export class BeadMap {
     });
     const dots = data.dots.length ? `, ${count}` : "";
     return element("figcaption", {}, element("b", {}, "Bead"), `${digits(data.width)} mm wide${dots}`, choice, scale);
+  }
+
+  /** Show other data of the run. */
+  update() {
+    this.element.firstChild.replaceWith(this._caption());
+    this.map.redraw();
   }
 
   _draw(context, map, colours) {

@@ -4,6 +4,11 @@ import { decode, number } from "./data.js";
 
 export class ComparedData {
   constructor(content) {
+    this.load(content);
+  }
+
+  /** Take over the content of runs, in place of other ones'. */
+  load(content) {
     Object.assign(this, content);
     this.column = {};
     for (const name of Object.keys(content.columns)) this.column[name] = decode(content.columns[name], content.rows);

@@ -9,7 +9,7 @@ import { Overlay } from "./overlay.js";
 import { Strips } from "./strips.js";
 
 /** Strips in which each quantity has a line for every run. */
-class ComparedStrips extends Strips {
+export class ComparedStrips extends Strips {
   _caption() {
     const scale = super._caption();
     // the abscissa is what the runs have in common

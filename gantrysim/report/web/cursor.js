@@ -37,6 +37,12 @@ export class Cursor {
     }
   }
 
+  /** Take over another run's rows, and stand at one of them. */
+  resize(rows, row) {
+    this.rows = rows;
+    this.set(row, "data");
+  }
+
   hover(row, source) {
     if (!this.pinned && !this.held) this.set(row, source);
   }
@@ -84,9 +90,9 @@ export function asSlider(element, cursor, label, textAt) {
   element.setAttribute("role", "slider");
   element.setAttribute("aria-label", label);
   element.setAttribute("aria-valuemin", "0");
-  element.setAttribute("aria-valuemax", String(cursor.rows - 1));
   element.addEventListener("keydown", (event) => cursor.key(event));
   const tell = (row) => {
+    element.setAttribute("aria-valuemax", String(cursor.rows - 1));
     element.setAttribute("aria-valuenow", String(row));
     element.setAttribute("aria-valuetext", textAt(row));
   };

@@ -1,9 +1,10 @@
-// The data of a run as the page holds them: columns of integers in base64, see gantrysim/report/encoding.py.
+// The data of a run as the page holds them: columns of integers in base64, or as bytes, see gantrysim/report/encoding.py.
 
 const MISSING = 65535;
 const JUMP = -128;
 
 export function bytesOf(text) {
+  if (text instanceof Uint8Array) return text;
   const binary = atob(text);
   const bytes = new Uint8Array(binary.length);
   for (let k = 0; k < bytes.length; k++) bytes[k] = binary.charCodeAt(k);
@@ -20,7 +21,8 @@ function wordsOf(text) {
 function codesOf(column, rows) {
   if (column.kind === "u16") return wordsOf(column.data);
   const codes = new Uint16Array(rows);
-  const differences = new Int8Array(bytesOf(column.data).buffer);
+  const bytes = bytesOf(column.data);
+  const differences = new Int8Array(bytes.buffer, bytes.byteOffset, bytes.length);
   const jumps = wordsOf(column.jumps);
   let code = 0;
   let jump = 0;
@@ -96,6 +98,11 @@ function ascending(values) {
 /** A run: its columns by name, with time [s], and what describes them. */
 export class RunData {
   constructor(content) {
+    this.load(content);
+  }
+
+  /** Take over the content of a run, in place of another one's. */
+  load(content) {
     Object.assign(this, content);
     this.dots = content.dots || [];
     this.column = {};

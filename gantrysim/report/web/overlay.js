@@ -46,6 +46,12 @@ export class Overlay {
     return caption;
   }
 
+  /** Show other data of the runs, with errors magnified as they are now. */
+  update() {
+    if (this.factor > 1) this.factor = this.data.magnification;
+    this.map.redraw();
+  }
+
   setRun(number, shown) {
     if (shown) this.hidden.delete(number);
     else this.hidden.add(number);

@@ -26,6 +26,13 @@ export class Plan {
     this.element = element("figure", { class: "view plan" }, this._caption(), this.map.surface);
   }
 
+  /** Show other data of the run, with errors magnified as they are now. */
+  update() {
+    if (this.factor > 1) this.factor = this.data.magnification;
+    this.element.firstChild.replaceWith(this._caption());
+    this.map.redraw();
+  }
+
   /** Position drawn of the nozzle at a row: its error magnified. */
   _point(row) {
     const { column, factor, place } = this;
@@ -46,7 +53,7 @@ export class Plan {
         this.factor = on ? data.magnification : 1;
         this.map.redraw();
       };
-      caption.append(toggle(label, true, change, { title: "draw the nozzle's distance from the path magnified" }));
+      caption.append(toggle(label, this.factor > 1, change, { title: "draw the nozzle's distance from the path magnified" }));
     }
     return caption;
   }

@@ -91,6 +91,17 @@ export class Strips {
     this._markSoon();
   }
 
+  /** Show other data of the run in the same strips; the part that is shown stays, unless that was the whole run. */
+  update() {
+    const { min, max } = this._plots[0].plot.scales.x;
+    const before = this._plots[0].plot.data[0];
+    const whole = min <= before[0] && max >= before[before.length - 1];
+    this._values = {};
+    for (const { plot, names } of this._plots) plot.setData([this.x, ...names.map((name) => this._known(name))], false);
+    this._show(whole ? null : [min, max]);
+    this._redraw(true);
+  }
+
   _strip({ names, own, heading: title }, last) {
     const colours = theme();
     const series = names.map((name) => this.data.seriesOf(name));

@@ -1,0 +1,129 @@
+// Readout, bead, path and strips of the run, or of the kept run and this one; further results are shown in place.
+
+import { BeadMap } from "../../report/web/beadmap.js";
+import { ComparedData } from "../../report/web/compared.js";
+import { ComparedReadout } from "../../report/web/comparedreadout.js";
+import { ComparedStrips } from "../../report/web/comparison.js";
+import { Cursor } from "../../report/web/cursor.js";
+import { nearest, RunData } from "../../report/web/data.js";
+import { element } from "../../report/web/dom.js";
+import { regionOf } from "../../report/web/map.js";
+import { Overlay } from "../../report/web/overlay.js";
+import { Plan } from "../../report/web/plan.js";
+import { Readout } from "../../report/web/readout.js";
+import { Strips } from "../../report/web/strips.js";
+
+const BOTH = "both";
+
+export class Views {
+  /** @param places elements for readout, views and strips; @param lineAt called with the program's line at the cursor */
+  constructor(places, lineAt) {
+    this.places = places;
+    this.lineAt = lineAt;
+    this.choice = "bead";
+    this.shape = "";
+  }
+
+  /** Show the content of a result; without rows nothing is shown. */
+  show(content) {
+    if (!content.rows) {
+      this.shape = "";
+      this.data = null;
+      for (const place of Object.values(this.places)) place.replaceChildren();
+      return;
+    }
+    const shape = shapeOf(content);
+    if (shape === this.shape) this._update(content);
+    else this._build(content);
+    this.shape = shape;
+  }
+
+  _build(content) {
+    const compared = Boolean(content.runs);
+    this.data = compared ? new ComparedData(content) : new RunData(content);
+    const { data } = this;
+    this.cursor = new Cursor(data.rows, data.worst);
+    this.region = this._region();
+    const { cursor, region } = this;
+    if (compared) {
+      this.strips = new ComparedStrips(data, cursor);
+      this.views = [new Overlay(data, cursor, region)];
+      const setRun = (number, shown) => {
+        this.strips.setRun(number, shown);
+        this.views[0].setRun(number, shown);
+      };
+      this.readout = new ComparedReadout(data, cursor, setRun);
+    } else {
+      this.strips = new Strips(data, cursor);
+      this.readout = new Readout(data, cursor, (name, shown) => this.strips.setShown(name, shown));
+      this.views = [new Plan(data, cursor, region)];
+      if (data.width || data.dots.length) this.views.unshift(new BeadMap(data, cursor, region));
+      cursor.onMove((row) => this.lineAt(data.column.line[row]));
+    }
+    this.places.readout.replaceChildren(this.readout.element);
+    this.places.views.replaceChildren(...this._choices(), ...this.views.map((view) => view.element));
+    this.places.strips.replaceChildren(this.strips.element);
+    this._choose(this.choice);
+    cursor.set(cursor.row, "start");
+  }
+
+  _update(content) {
+    const { data, cursor } = this;
+    const places = this._along();
+    const wasWorst = cursor.row === data.worst && !cursor.pinned;
+    const place = places[Math.min(cursor.row, places.length - 1)];
+    data.load(content);
+    this.region.box = this._region().box; // drawn below, with the scales of the new data
+    cursor.resize(data.rows, wasWorst ? data.worst : nearest(this._along(), place));
+    for (const view of [...this.views, this.strips]) view.update();
+  }
+
+  /** What the cursor holds on to while runs change: the time, or the common place. */
+  _along() {
+    return this.data.time || this.data.along;
+  }
+
+  _region() {
+    const { data } = this;
+    if (data.runs) {
+      const columns = (name) => data.runs.map((run, k) => data.column[`${name}.${k}`]);
+      return regionOf(columns("x"), columns("y"), data.width);
+    }
+    const widest = data.dots.reduce((most, dot) => Math.max(most, 2 * dot.radius), data.width || 0);
+    return regionOf([data.column.x, data.requested.x], [data.column.y, data.requested.y], widest);
+  }
+
+  _choices() {
+    if (this.views.length < 2) return [];
+    const names = { bead: "Bead", plan: "Path error", [BOTH]: "Both" };
+    this.buttons = Object.entries(names).map(([name, label]) => {
+      const button = element("button", { type: "button", "data-view": name }, label);
+      button.addEventListener("click", () => this._choose(name));
+      return button;
+    });
+    return [element("div", { class: "choices", role: "group", "aria-label": "View" }, ...this.buttons)];
+  }
+
+  _choose(name) {
+    this.choice = name;
+    if (this.views.length < 2) return;
+    for (const button of this.buttons) button.setAttribute("aria-pressed", String(button.dataset.view === name));
+    this.views[0].element.hidden = name === "plan";
+    this.views[1].element.hidden = name === "bead";
+  }
+
+  /** Highlight the path of a line of the program, 0 for none. */
+  chooseLine(line) {
+    if (!this.cursor || !this.data || this.data.runs || this.cursor.line === line) return;
+    this.cursor.choose(line || this.cursor.line);
+    const row = line ? this.data.column.line.indexOf(line) : -1;
+    if (row >= 0) this.cursor.set(row, "line");
+  }
+}
+
+/** What decides which views there are: where it stays, results are shown in place. */
+function shapeOf(content) {
+  const series = content.series || content.quantities;
+  const runs = (content.runs || []).map((run) => run.name);
+  return JSON.stringify([series.map(({ name }) => name), runs, Boolean(content.width), Boolean(content.dots?.length), content.by_path]);
+}

@@ -1,0 +1,235 @@
+// The workbench: a job is edited, simulated and judged while one watches.
+
+import { element } from "../../report/web/dom.js";
+import { Controls } from "./controls.js";
+import { Editor } from "./editor.js";
+import { Link } from "./link.js";
+import { proposalTable, showVerdict, verdictRow } from "./panels.js";
+import { Views } from "./views.js";
+
+const SEEN = "gantrysim-live-seen";
+const GROUPS = { folder: "in this folder", dropped: "dropped", "built-in": "built-in" };
+const FORMER = "computing; what is shown is of the former value";
+
+const at = (id) => document.getElementById(id);
+
+class Workbench {
+  constructor() {
+    this.state = { number: -1 };
+    this.shown = -1; // number of the request whose result is shown
+    this.head = null;
+    this.waiting = false; // for the answer to a slider, until which the next value waits
+    this.next = null;
+    this.bytes = 0;
+    this.views = new Views({ readout: at("readout"), views: at("views"), strips: at("strips") }, (line) => this.editor.setLine(line));
+    this.editor = new Editor(
+      { choices: at("texts"), title: at("program-title"), editor: at("editor") },
+      (kind, text) => this.order({ do: kind, text }),
+      (line) => this.views.chooseLine(line),
+    );
+    this.controls = new Controls(at("controls"), (values, dragging) => this.set(values, dragging));
+    this.link = new Link({
+      found: () => this.connected(true),
+      lost: () => this.connected(false),
+      state: (state) => this.setState(state),
+      text: (texts) => this.editor.show(texts),
+      controls: ({ controls }) => this.controls.show(controls),
+      margins: ({ row }) => this.margins(row),
+      progress: (progress) => this.progress(progress),
+      compiling: ({ text }) => this.say(text),
+      proposals: (proposals) => this.proposals(proposals),
+      written: ({ folder, page }) => this.say(`written to ${page || folder}`),
+      refused: (refusal) => this.refused(refusal),
+      remark: ({ text }) => this.remark(text),
+      result: (head, content, bytes) => this.result(head, content, bytes),
+    });
+    this.listen();
+  }
+
+  order(order) {
+    this.link.send(order);
+  }
+
+  /** Send values; while a slider is dragged the next one waits for the answer, and only the last counts. */
+  set(values, dragging) {
+    if (dragging && this.waiting) {
+      this.next = values;
+      return;
+    }
+    this.next = null;
+    this.waiting = true;
+    performance.mark("value-sent");
+    this.order({ do: "set", values, dragging });
+  }
+
+  answered() {
+    this.waiting = false;
+    if (this.next) this.set(this.next, true);
+  }
+
+  connected(isThere) {
+    at("lost").hidden = isThere;
+    at("lost").textContent = isThere ? "" : "The server is gone: nothing is computed. Start gantrysim live again; this page tries to reconnect.";
+    at("bench").inert = !isThere;
+  }
+
+  setState(state) {
+    const listed = JSON.stringify([state.jobs, state.path]);
+    if (listed !== this.listed) this.jobs(state);
+    this.listed = listed;
+    this.state = state;
+    const enabled = { undo: state.can_undo, redo: state.can_redo, reset: state.changed };
+    for (const [name, can] of Object.entries(enabled)) document.querySelector(`[data-do="${name}"]`).disabled = !can;
+    at("keep").setAttribute("aria-pressed", String(state.kept));
+    const unsave = document.querySelector('[data-do="unsave"]');
+    unsave.hidden = !state.saved;
+    unsave.title = `put back what stood in ${state.saved}`;
+    at("where").textContent = `in ${state.folder}`;
+    at("work").hidden = !state.busy;
+    if (!state.busy) at("progress").removeAttribute("value");
+    if (!state.busy && this.stale) this.answered();
+    this.paintStale();
+  }
+
+  get stale() {
+    return this.state.busy === "show" && this.shown !== this.state.number;
+  }
+
+  paintStale() {
+    at("bench").classList.toggle("stale", this.stale);
+    if (this.stale) this.say(FORMER);
+    else if (at("status").textContent === FORMER) this.say("");
+  }
+
+  jobs({ jobs, path }) {
+    const groups = Object.entries(GROUPS).filter(([kind]) => jobs[kind].length);
+    const options = groups.map(([kind, label]) =>
+      element("optgroup", { label }, ...jobs[kind].map((name) => element("option", { value: JSON.stringify({ kind, name }) }, name))),
+    );
+    at("jobs").replaceChildren(...options);
+    const name = path.split(/[\\/]/).pop();
+    const all = [...at("jobs").options].filter((option) => option.textContent === name);
+    const inFolder = path.includes("/") || path.includes("\\");
+    const chosen = all.find((option) => (JSON.parse(option.value).kind === "built-in") !== inFolder);
+    if (chosen) chosen.selected = true;
+  }
+
+  margins(row) {
+    const present = document.querySelector('[data-row="stability"]');
+    if (present) present.replaceWith(verdictRow(row));
+  }
+
+  progress({ share, task }) {
+    at("progress").value = share;
+    at("task").textContent = task;
+  }
+
+  result(head, content, bytes) {
+    this.bytes = bytes;
+    this.head = head;
+    this.shown = head.number;
+    this.refused(null);
+    showVerdict(at("verdict"), head);
+    document.title = `${head.headline.slice(0, 1)} ${head.name}, gantrysim live`;
+    this.views.show(content);
+    at("bench").dataset.engine = head.engine;
+    at("bench").dataset.number = head.number;
+    performance.mark("result-shown");
+    this.paintStale();
+    this.answered();
+  }
+
+  refused(refusal) {
+    this.editor.setError(refusal);
+    at("refused").hidden = !refusal;
+    at("refused").textContent = refusal ? refusal.text : "";
+    at("bench").classList.toggle("refused", Boolean(refusal));
+    if (refusal) {
+      this.say("refused; what is shown is of the former value");
+      this.answered();
+    }
+  }
+
+  remark(text) {
+    this.say(text);
+    this.answered();
+  }
+
+  proposals(proposals) {
+    const section = at("proposals");
+    section.hidden = false;
+    section.replaceChildren(section.firstElementChild, ...proposalTable(proposals, (number) => this.order({ do: "try", number })));
+    section.scrollIntoView({ block: "nearest" });
+  }
+
+  say(text) {
+    at("status").textContent = text;
+  }
+
+  listen() {
+    for (const button of document.querySelectorAll("[data-do]")) {
+      button.addEventListener("click", () => this.order({ do: button.dataset.do }));
+    }
+    at("keep").addEventListener("click", () => this.order({ do: "keep", on: at("keep").getAttribute("aria-pressed") !== "true" }));
+    at("jobs").addEventListener("change", () => {
+      at("proposals").hidden = true;
+      this.order({ do: "open", ...JSON.parse(at("jobs").value) });
+    });
+    at("save").addEventListener("click", () => {
+      at("file").value = this.head ? this.head.name : "";
+      at("saving").showModal();
+    });
+    at("saving").addEventListener("close", () => {
+      if (at("saving").returnValue === "save") this.order({ do: "save", name: at("file").value });
+    });
+    document.addEventListener("keydown", (event) => this.key(event));
+    this.drops();
+    this.first();
+  }
+
+  key(event) {
+    const typing = ["TEXTAREA", "INPUT"].includes(event.target.tagName) && event.target.type !== "range";
+    if (event.key === "Escape" && this.state.busy) this.order({ do: "stop" });
+    if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || typing) return;
+    event.preventDefault();
+    this.order({ do: event.shiftKey ? "redo" : "undo" });
+  }
+
+  drops() {
+    document.addEventListener("dragover", (event) => {
+      event.preventDefault();
+      document.body.classList.add("dropping");
+    });
+    document.addEventListener("dragleave", (event) => {
+      if (!event.relatedTarget) document.body.classList.remove("dropping");
+    });
+    document.addEventListener("drop", async (event) => {
+      event.preventDefault();
+      document.body.classList.remove("dropping");
+      const file = event.dataTransfer.files[0];
+      if (file) await this.upload(file);
+    });
+  }
+
+  async upload(file) {
+    at("proposals").hidden = true;
+    const answer = await fetch(`/upload?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(() => null);
+    if (!answer?.ok) this.say(`${file.name}: ${answer ? (await answer.text()).trim() : "the server is gone"}`);
+  }
+
+  first() {
+    let seen = null;
+    try {
+      seen = localStorage.getItem(SEEN);
+    } catch {} // a browser may keep nothing
+    at("first").hidden = Boolean(seen);
+    at("seen").addEventListener("click", () => {
+      at("first").hidden = true;
+      try {
+        localStorage.setItem(SEEN, "yes");
+      } catch {}
+    });
+  }
+}
+
+new Workbench();

@@ -1,0 +1,218 @@
+"""The workbench in a browser, with its server in a process: values, edits, drops, lost servers, two tabs."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from gantrysim import Job
+from gantrysim.report.writing import results_of
+
+from support.browser import chromium
+
+PATIENCE = 120.0  # [s]
+TEXT = """G21 G90 G64 P0.02
+F6000
+G0 X5 Y0
+M62 P0
+G1 X30
+G1 Y20
+M63 P0
+M2
+"""
+JOB = """name = "short"
+machine = "xy"
+[program]
+controller = "trio.MoveSpiral"
+diameter = 30.0
+turns = 1
+thickness = 5.0
+speed = 100.0
+loop_period = 0.02
+acceleration = 2000.0
+[dispenser]
+flow = 200.0
+"""
+# puts a file on the page as a drag from the desktop does
+DROP = """
+const [name, text] = arguments;
+const transfer = new DataTransfer();
+transfer.items.add(new File([text], name));
+document.body.dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, bubbles: true, cancelable: true }));
+"""
+# moves a slider as a drag does, to a share of its range
+SLIDE = """
+const slider = document.querySelector(`input[type="range"][data-key="${arguments[0]}"]`);
+slider.value = arguments[1];
+slider.dispatchEvent(new Event("input", { bubbles: true }));
+slider.dispatchEvent(new Event("change", { bubbles: true }));
+"""
+TYPE = """
+const area = document.querySelector("textarea");
+area.value = arguments[0];
+area.dispatchEvent(new Event("input", { bubbles: true }));
+"""
+BENCH = "document.getElementById('bench')"
+WHOLE = f"{BENCH}.dataset.engine === 'mujoco' && document.getElementById('work').hidden && !{BENCH}.matches('.stale')"
+
+
+class Served:
+    """A server, and a browser that shows its page."""
+
+    def __init__(self, browser, folder, job):
+        self.browser = browser
+        command = [sys.executable, "-m", "gantrysim", "live", job, "--no-browser"]
+        self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
+        self.address = re.search(r"http://\S+", self.process.stdout.readline())[0]
+
+    def open(self):
+        self.browser.driver.get(self.address)
+        self.until(WHOLE)
+
+    def until(self, condition):
+        """Wait in this process: the page's policy admits no eval."""
+        end = time.monotonic() + PATIENCE
+        while not self.browser.run(f"return Boolean({condition})"):
+            assert time.monotonic() < end, condition
+            time.sleep(0.02)
+
+    def changed(self, script, *arguments):
+        """Run a script that changes the job, and wait for the whole answer."""
+        number = self.number
+        self.browser.run(script, *arguments)
+        self.until(f"Number({BENCH}.dataset.number) > {number} && {WHOLE}")
+
+    @property
+    def number(self):
+        return int(self.browser.run(f"return {BENCH}.dataset.number || -1"))
+
+    def texts(self):
+        """The verdict's texts by row."""
+        script = """
+        const rows = [...document.querySelectorAll("#verdict [data-row]")];
+        const texts = (row) => [...row.querySelectorAll("p")].map((p) => p.textContent);
+        return Object.fromEntries(rows.map((row) => [row.dataset.row, texts(row)]));
+        """
+        return self.browser.run(script)
+
+    def end(self):
+        self.process.send_signal(signal.SIGINT)
+        status = self.process.wait(PATIENCE)
+        self.process.stdout.close()
+        return status
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("chromium")) as opened:
+        opened.resize(1280, 900)
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("jobs")
+    (made / "short.toml").write_text(JOB)
+    (made / "part.ngc").write_text(TEXT)
+    return made
+
+
+@pytest.fixture(scope="module")
+def server(browser, folder):
+    served = Served(browser, folder, "short.toml")
+    yield served
+    assert served.end() == 0
+
+
+@pytest.fixture
+def page(server):
+    server.open()
+    yield server
+    assert server.browser.messages() == []
+
+
+def expected(job):
+    verdict = results_of(job, job.run(), causes=False).verdict
+    return {row.name: list(row.texts) for row in verdict.rows}
+
+
+def slid(served, key):
+    """The value that a slider has set."""
+    return float(served.browser.run(f"return document.querySelector('[data-number=\"{key}\"]').value"))
+
+
+def test_the_page_shows_the_commands_values_before_and_after_a_slider(page, folder):
+    assert page.texts() == expected(Job.load(folder / "short.toml"))
+    page.changed(SLIDE, "program.acceleration", 200)
+    value = slid(page, "program.acceleration")
+    assert value < 2000.0
+    assert page.texts() == expected(Job.load(folder / "short.toml", {"program.acceleration": value}))
+    page.changed("document.querySelector('[data-do=\"undo\"]').click()")
+    assert slid(page, "program.acceleration") == 2000.0
+    assert page.texts() == expected(Job.load(folder / "short.toml"))
+
+
+def test_a_dropped_program_is_edited_to_be_wrong_and_right_again(page, folder):
+    page.changed(DROP, "<b>part.ngc", TEXT)
+    assert page.browser.run("return document.querySelector('textarea').value") == TEXT
+    assert page.browser.run("return document.querySelectorAll('#jobs b').length") == 0
+    page.browser.run(TYPE, TEXT.replace("G1 Y20", "G1 Y20 Q$"))
+    page.until("document.querySelector('.marks .error')?.dataset.line === '6'")
+    assert "line 6" in page.browser.text("#refused")
+    assert page.browser.run(f"return {BENCH}.matches('.refused')")
+    page.changed(TYPE, TEXT.replace("Y20", "Y30"))
+    assert page.browser.run("return document.querySelectorAll('.marks .error').length") == 0
+    assert page.browser.run("return document.getElementById('refused').hidden")
+    (folder / "right.ngc").write_text(TEXT.replace("Y20", "Y30"))
+    assert page.texts() == expected(Job.load(folder / "right.ngc"))
+
+
+def test_a_reload_and_a_second_tab_show_the_same(page):
+    page.changed("document.getElementById('keep').click()")
+    first = page.texts()
+    page.browser.driver.refresh()
+    page.until(WHOLE)
+    assert page.texts() == first
+    assert page.browser.run("return document.querySelector('.overlay') !== null")
+    window = page.browser.driver.current_window_handle
+    page.browser.driver.switch_to.new_window("tab")
+    page.browser.driver.get(page.address)
+    page.until(WHOLE)
+    assert page.texts() == first
+    page.changed("document.getElementById('keep').click()")
+    other = page.number
+    page.browser.driver.close()
+    page.browser.driver.switch_to.window(window)
+    page.until(f"Number({BENCH}.dataset.number) === {other} && {WHOLE}")
+    assert page.browser.run("return document.querySelector('.overlay') === null")
+
+
+def test_the_cursor_marks_the_line_and_a_line_its_path(page):
+    page.changed(DROP, "part.ngc", TEXT)
+    page.browser.run("document.querySelector('.strips').focus()")
+    page.browser.key("Home")
+    page.browser.key("ArrowRight", shift=True, presses=4)
+    page.until("document.querySelector('.marks .current') !== null")
+    line = page.browser.text('.readout output[data-name="line"]')
+    top = page.browser.run("return parseFloat(document.querySelector('.marks .current').style.top)")
+    assert round(top / 18) + 1 == int(line)
+    assert page.browser.text('.readout output[data-name="time"]') != "NaN s"
+
+
+def test_a_lost_server_is_said(browser, folder):
+    served = Served(browser, folder, "part.ngc")
+    served.open()
+    (folder / "part.ngc").write_text(TEXT.replace("Y20", "Y25"))
+    served.until("document.querySelector('textarea').value.includes('Y25')")
+    served.until(WHOLE)
+    assert browser.messages() == []
+    served.process.kill()
+    served.process.wait()
+    served.process.stdout.close()
+    served.until("!document.getElementById('lost').hidden")
+    assert "server is gone" in browser.text("#lost")
+    browser.driver.get("about:blank")
+    browser.messages()
