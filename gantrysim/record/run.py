@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from gantrysim.job.basis import Basis
     from gantrysim.job.job import Job
     from gantrysim.metrics.budget import Budget
+    from gantrysim.report.notebook import RunView
     from gantrysim.results.verdict import Verdict
 
 _LONGEST_REASON = 300  # characters of a damaged text
@@ -201,7 +202,7 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or its dispenser is never on.
         """
-        basis = self._known_basis("verdict")
+        basis = self.known_basis("verdict")
         from gantrysim.results.verdict import Verdict
 
         return Verdict.of(basis, self)
@@ -249,11 +250,24 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or the folder cannot be written.
         """
-        basis = self._known_basis("report")
+        basis = self.known_basis("report")
         from gantrysim.remedy.report import changes_of
         from gantrysim.report.writing import write_report
 
         return write_report(basis, self, folder, causes, changes_of if improve else None, progress)
+
+    def view(self) -> RunView:
+        """Return a widget for a notebook: the verdict, and the page's viewer of bead, path, strips and program.
+
+        In Jupyter, VS Code and marimo; the last line of a cell shows it.
+
+        Raises:
+            MissingPackageError: anywidget is not installed.
+            InputError: the run has neither a job nor a rig, or its dispenser is never on.
+        """
+        from gantrysim.report.notebook import run_view
+
+        return run_view(self)
 
     def film(self, file: str | os.PathLike[str], **options: Any) -> int:
         """Write a film of the run, MP4 or GIF, and return its number of frames.
@@ -265,7 +279,7 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or as `gantrysim.render.save_video`.
         """
-        basis = self._known_basis("film")
+        basis = self.known_basis("film")
         from gantrysim.render import save_video
 
         values: dict[str, Any] = {"bead": basis.bead, "label": basis.name, "verdict": self.known_verdict, **options}
@@ -280,7 +294,8 @@ class Run(Shown):
 
         return RigBasis(self.rig, self)
 
-    def _known_basis(self, name: str) -> Basis:
+    def known_basis(self, name: str) -> Basis:
+        """Return `basis`, or raise InputError with what to write before calling the method of this name."""
         if self.basis is None:
             raise InputError(
                 f"run.{name}: the record has neither its job nor its machine and servo: write run.replaced(job=job), "
