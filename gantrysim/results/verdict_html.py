@@ -9,12 +9,14 @@ from gantrysim.results.checks import SYMBOLS
 from gantrysim.results.colours import STATES
 from gantrysim.results.row import Row
 
+_CELL = "text-align:left;padding:2px 8px"
+
 
 def verdict_html(headline: str, rows: Sequence[Row]) -> str:
     """Return the verdict as a table in HTML: shape, word and colour of each row, and its worst value with the limit."""
     lines = "".join(
-        f"<tr><td>{_badge(row.state)}</td><th>{escape(row.name)}</th>"
-        f'<td style="text-align:left">{escape(next(iter(row.texts), ""))}</td></tr>'
+        f"<tr><td>{_badge(row.state)}</td>"
+        f'<th style="{_CELL}">{escape(row.name)}</th><td style="{_CELL}">{escape(next(iter(row.texts), ""))}</td></tr>'
         for row in rows
     )
     title = f'<caption style="text-align:left;font-weight:bold">verdict {escape(headline)}</caption>'
