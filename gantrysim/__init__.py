@@ -9,9 +9,9 @@ if "".join(sys.orig_argv[-len(sys.argv) :][:1]).rpartition("/")[2] == "gantrysim
 
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-import lazy_loader
+from gantrysim.base.lazy_names import lazy_names
 
 __version__ = "0.1.0"
 
 # __init__.pyi lists the public names; each is imported at its first use
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -17,7 +17,8 @@ from gantrysim.compare.measured import Assignment, Trace
 from gantrysim.glue.bead import Bead
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.report.plots.style import COLOURS, INK, UM, thinned_line
+from gantrysim.report.plots.style import COLOURS, UM, thinned_line
+from gantrysim.results.colours import BAD, GOOD, INK, NEAR, RUNS
 from gantrysim.study.machine import MachineStudy
 from gantrysim.study.run import run_study
 from gantrysim.study.speed import SpeedStudy
@@ -25,7 +26,7 @@ from gantrysim.study.tuning import TuningStudy
 from gantrysim.tables.reading import read_table
 
 ROOT = Path(__file__).parent.parent
-BEFORE, AFTER, THIRD, FOURTH = COLOURS["fault"], COLOURS["servo"], COLOURS["program"], COLOURS["structure"]
+BEFORE, AFTER, THIRD, FOURTH = RUNS[:4]
 GLUE = {"dispenser.flow": 0.0, "dispenser.area": 3.0}  # of fanuc-spiral, in proportion to the speed
 LEADS = {"dispenser.start_lead": 0.012, "dispenser.stop_lead": 0.012}
 
@@ -55,7 +56,7 @@ def verdict(figure: Figure) -> None:
     job = gs.Job.load("fanuc-spiral")
     checks = [(row.name, check) for row in gs.Verdict.of(job, job.run()).rows for check in row.checks]
     axes = figure.add_subplot()
-    colours = {"pass": COLOURS["structure"], "warn": COLOURS["program"], "fail": COLOURS["fault"]}
+    colours = {"pass": GOOD, "warn": NEAR, "fail": BAD}
     shares = [100 * check.usage for _, check in checks]
     places = np.arange(len(checks))
     axes.barh(places, shares, color=[colours[check.state] for _, check in checks], height=0.65)
@@ -121,8 +122,8 @@ def speed(figure: Figure) -> None:
     axes = figure.add_subplot()
     axes.plot(speeds[order], usage[order], color=COLOURS["requested"], lw=1.2)
     within = usage <= 100
-    axes.plot(speeds[within], usage[within], "o", color=FOURTH, label="within the tolerance")
-    axes.plot(speeds[~within], usage[~within], "x", mew=2, color=BEFORE, label="out of tolerance")
+    axes.plot(speeds[within], usage[within], "o", color=GOOD, label="within the tolerance")
+    axes.plot(speeds[~within], usage[~within], "x", mew=2, color=BAD, label="out of tolerance")
     axes.axhline(100, color=INK, lw=1.2, ls="--")
     axes.set(xlabel="programmed speed [mm/s]", ylabel="closest limit, used [%]", ylim=(0, 250), xlim=(0, 600))
     axes.legend()
@@ -216,8 +217,8 @@ def cluster(figure: Figure) -> None:
     largest = np.array([float(row["contour_max_um"]) for row in rows])
     axes = figure.add_subplot()
     edges = np.arange(limit - 25, limit + 30, 2.5)
-    axes.hist(largest[largest <= limit], edges, color=FOURTH, label="within the tolerance")
-    axes.hist(largest[largest > limit], edges, color=BEFORE, label="out of tolerance")
+    axes.hist(largest[largest <= limit], edges, color=GOOD, label="within the tolerance")
+    axes.hist(largest[largest > limit], edges, color=BAD, label="out of tolerance")
     axes.axvline(limit, color=INK, lw=1.2, ls="--")
     axes.set(xlabel="largest contour error of a machine [µm]", ylabel="machines")
     axes.legend()

@@ -36,7 +36,7 @@ STUDIES = {
     "study-laws": (LawsStudy, "softmc-arc", "ladder"),
     "tuned": (TuningStudy, "fanuc-spiral", "path"),
 }
-LARGE, SMALL, MOVING = (960, 720), (640, 480), (560, 420)
+LARGE, SMALL, MOVING = (1280, 720), (640, 360), (640, 360)
 RATE, SPEED, HELD = 10, 2.5, 3.0  # of the moving picture: frames per second, speed, and time at its end [s]
 SHARE = 0.74  # of the run at which the machine is shown
 FINER = 3  # pixels drawn per pixel of a picture and side, to smooth the edges of shadows
@@ -77,9 +77,8 @@ def machine_box(renderer: Renderer) -> tuple[float, ...]:
     return (*corner, *(corner + box))
 
 
-def take(job: Job, label: str = "") -> Take:
-    run = job.run()
-    return Take(job.built_machine, run, label or job.name, job.bead, run.known_verdict)
+def take(job: Job) -> Take:
+    return Take(job.built_machine, job.run(), bead=job.bead)
 
 
 def last_frame(takes: list[Take], size: tuple[int, int], name: str, colour: str | None = None) -> None:
@@ -113,8 +112,8 @@ def films() -> None:
         last_frame([take(Job.load(name))], SMALL, f"{name}-detail")
     job = Job.load(FIRST)
     last_frame([take(job)], LARGE, FIRST)
-    takes = [take(Job.load(FIRST, [f"loop_period={period}"]), f"T = {period:g} s") for period in COMPARED]
-    last_frame(takes, (960, 480), "compared", "error")
+    takes = [take(Job.load(FIRST, [f"loop_period={period}"])) for period in COMPARED]
+    last_frame(takes, (1280, 720), "compared", "error")
     with Film([take(job)], size=MOVING) as film:
         film.save(FOLDER / f"{FIRST}.gif", fps=RATE, speed=SPEED)
     hold_last_frame(FOLDER / f"{FIRST}.gif")

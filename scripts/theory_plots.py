@@ -14,10 +14,11 @@ from gantrysim.identify.plan import excitation
 from gantrysim.identify.whole_run import fitted_machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.report.plots.style import COLOURS, INK
+from gantrysim.report.plots.style import COLOURS
+from gantrysim.results.colours import INK, RUNS
 from gantrysim.servo.stability.margins import Plant
 
-BEFORE, AFTER, THIRD = COLOURS["fault"], COLOURS["servo"], COLOURS["program"]
+BEFORE, AFTER, THIRD = RUNS[:3]
 POINTS = {"textcoords": "offset points"}
 
 

@@ -200,3 +200,21 @@ def test_the_reference_lists_every_public_name_once():
     listed = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
     errors = re.findall(r"`gs\.(\w+Error)`", page)
     assert sorted(listed + errors) == sorted(gantrysim.__all__)
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "hint"),
+    [
+        (gantrysim, "simulat", "did you mean simulate?"),
+        (gantrysim, "machine_", "did you mean Machine?"),
+        (gantrysim, "qqqq", "dir(gantrysim) lists its names"),
+        (gantrysim.controllers, "trioo", "did you mean trio?"),
+        (gantrysim.controllers.trio, "MoveSpirl", "did you mean MoveSpiral?"),
+        (gantrysim.study, "SpedStudy", "did you mean SpeedStudy?"),
+    ],
+)
+def test_a_wrong_name_gets_the_nearest(module, name, hint):
+    with pytest.raises(AttributeError) as error:
+        getattr(module, name)
+    assert str(error.value) == f"module {module.__name__!r} has no attribute {name!r}: {hint}"
+    assert not hasattr(module, "_repr_html_")

@@ -18,7 +18,12 @@ _SIMILAR = 0.5  # ratio of similarity from which a name may be meant
 _LONGEST = 1900  # characters of a message
 _shortened = Repr()
 _shortened.maxstring = _shortened.maxother = 80  # characters of a value or name in a message
-shown = _shortened.repr
+
+
+def shown(value: object) -> str:
+    """Return a value in one line, shortened."""
+    # arrays have several lines
+    return _shortened.repr(value).replace("\n", " ")
 
 
 class GantryError(Exception):
@@ -77,9 +82,10 @@ def expanded(path: str | os.PathLike[str]) -> Path:
 def finite(name: str, value: float, unit: str = "") -> float:
     """Return `value` as a float, or raise InputError where it is not a finite number."""
     try:
-        number = float(value)
-        if isinstance(value, bool):
+        # "200" is no number, though it can be read as one
+        if isinstance(value, bool | str | bytes):
             raise TypeError
+        number = float(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} = {shown(value)}: must be a number") from None
     except OverflowError:  # of an integer of more than 308 digits
@@ -139,17 +145,42 @@ def whole(name: str, value: float, bound: int) -> int:
     return int(number)
 
 
-def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
+def wrong_type(name: str, value: object, wanted: str, advice: str = "") -> InputError:
+    """Return the error for a value of a wrong type.
+
+    Args:
+        name: of the argument.
+        value: given.
+        wanted: what it must be, in words.
+        advice: what to write instead, where that is known.
+    """
+    remedy = f"; {advice}" if advice else ""
+    return InputError(f"{name} is of type {type(value).__name__}: must be {wanted}{remedy}")
+
+
+def check_type(name: str, value: object, kind: type, wanted: str, advice: str = "") -> None:
+    """Raise the error of `wrong_type` for anything but a `kind`."""
+    if not isinstance(value, kind):
+        raise wrong_type(name, value, wanted, advice)
+
+
+def check_one_of(kind: str, name: object, known: Sequence[str]) -> None:
+    """Raise the error of `unknown` for anything but one of the `known` names."""
+    if not isinstance(name, str) or name not in known:
+        raise unknown(kind, name, known)
+
+
+def unknown(kind: str, name: object, known: Iterable[str]) -> InputError:
     """Return the error for a `name` that is none of the `known` ones, with the nearest first."""
     return InputError(unknown_text(kind, name, known))
 
 
-def unknown_text(kind: str, name: str, known: Iterable[str]) -> str:
+def unknown_text(kind: str, name: object, known: Iterable[str]) -> str:
     """Return the text of `unknown`, for errors of other types."""
     names = sorted(known)
     if not names:
         return f"unknown {kind} {shown(name)}: there are none"
-    near = nearest(name, names)
+    near = nearest(name, names) if isinstance(name, str) else []
     hint = f"did you mean {near[0]}? " if near else ""
     listed = [*near, *(other for other in names if other not in near)]
     return f"unknown {kind} {shown(name)}: {hint}known: {', '.join(listed)}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # What `gantrysim compare RUN RUN` does: runs beside one another, in tables and a page.
 
 
-def compare_folders(folders: Sequence[Path], out: Path) -> None:
+def compare_folders(folders: Sequence[Path], out: Path, *, is_whole: bool) -> None:
     """Compare saved runs, print what differs, and write the page into a folder.
 
     Raises:
@@ -44,17 +44,46 @@ def compare_folders(folders: Sequence[Path], out: Path) -> None:
     saved = [SavedRun.load(folder) for folder in folders]
     comparison = compare_runs(*saved, names=names_of_folders(folders))
     comparison.report(out)
-    show_comparison(comparison)
+    show_comparison(comparison, is_whole=is_whole)
     say(f"written to {out}/: {REPORT}, {SUMMARY}")
 
 
-def show_comparison(comparison: ComparedRuns) -> None:
-    """Print the answer, what differs, checks, error budgets, causes, values that differ, and notes."""
+def show_comparison(comparison: ComparedRuns, *, is_whole: bool) -> None:
+    """Print the answer and what differs, on one screen or as a whole with all tables and notes.
+
+    On one screen stand the keys that differ, the checks of which one run does not pass, and the contour error.
+    """
     say(comparison.sentence, wrap=True)
-    for table in comparison_tables(comparison):
+    if is_whole:
+        for table in comparison_tables(comparison):
+            show(table)
+        for note in comparison.notes:
+            say(f"note: {note}", wrap=True)
+        return
+    for table in _tables_of_screen(comparison):
         show(table)
-    for note in comparison.notes:
-        say(f"note: {note}", wrap=True)
+
+
+_KEYS = 6  # that differ, on one screen
+_CHECKS = 9  # likewise
+
+
+def _tables_of_screen(comparison: ComparedRuns) -> Iterator[Table]:
+    """Yield the tables of a comparison on one screen."""
+    from gantrysim.compare.runs.runs_tables import budget_cells, check_cells, difference_cells
+
+    heads, keys = difference_cells(comparison)
+    if keys:
+        rest = f"; {len(keys) - _KEYS} further ones are on the page" if len(keys) > _KEYS else ""
+        yield _table_of_texts(f"what differs{rest}", heads, keys[:_KEYS], 2)
+    runs = range(1, len(comparison.runs))
+    checks = [check for check in comparison.checks if any(check.is_critical(run) for run in runs)]
+    if checks:
+        title = f"checks that a run does not pass; changes against {comparison.names[0]}"
+        heads, rows = check_cells(comparison.names, checks[:_CHECKS])
+        yield _table_of_texts(title, heads, rows, 3)
+    heads, rows = budget_cells(comparison)
+    yield _table_of_texts("error normal to the requested path, rms [µm]", heads, rows[-1:], 1)
 
 
 def comparison_tables(comparison: ComparedRuns) -> list[Table]:
@@ -149,12 +178,13 @@ def compare(
     out: Annotated[
         Path | None, typer.Option(help="Output folder; by default the folder compare in the first RUN.")
     ] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print every table of two runs or more.")] = False,
 ) -> None:
     """Compare saved runs with each other, or one run with a measured trace.
 
-    For two runs or more, it states which verdict is better, by how much, and how the jobs differ, and shows beads,
-    errors, budgets and checks side by side, with changes relative to the first run. Errors are compared at the same
-    distance along the path if all runs request the same path, otherwise over time.
+    For two runs or more, it states which verdict is better, by how much, and how the jobs differ, and shows what keeps
+    a run from its limits; with -v, errors, budgets, causes and values stand side by side, as on the page. Errors are
+    compared at the same distance along the path if all runs request the same path, otherwise over time.
 
     With --measured, it shows both error budgets and the part of the error that the model does not explain, beside that
     of the same machine without friction, and following error and torque of each axis over time. The trace is aligned at
@@ -180,7 +210,7 @@ def compare(
         if value is not None:
             raise InputError(f"{option}: describes a log: needs --measured FILE")
 
-    compare_folders(runs, folder)
+    compare_folders(runs, folder, is_whole=verbose)
 
 
 class Log(NamedTuple):

@@ -201,3 +201,5 @@ def _show(improvement: Improvement) -> None:
         return
     show(verdict_table(improvement.verdict))
     show_section(change_section(improvement).content())
+    if improvement.changes_anything:
+        show(verdict_table(improvement.improved))

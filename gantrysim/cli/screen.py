@@ -8,7 +8,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from gantrysim.cli.terminal import joined, say, show
+from gantrysim.cli.terminal import columns, joined, say, show
 from gantrysim.report.answer import Answer
 from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN
 
@@ -17,6 +17,7 @@ LONGEST = 25  # lines of 80 columns
 _STYLES = {PASS: "green", WARN: "yellow", FAIL: "bold red", UNJUDGED: ""}
 _PASTED = 8  # lines to paste; more are left to `gantrysim show FOLDER levers`
 _INDENT = "  "
+_CONTINUED = " \\"  # a line of a shell
 _COLUMNS = ("state", "row")  # before the text
 
 
@@ -38,9 +39,9 @@ def show_verdict(answer: Answer) -> None:
     show(table)
 
 
-def show_cause(headline: str) -> None:
-    """Print what spoils a run."""
-    _show_rows([("cause", headline)])
+def show_cause(answer: Answer, headline: str) -> None:
+    """Print what spoils a run, or its error where nothing does."""
+    _show_rows([("error" if answer.state == PASS else "cause", headline)])
 
 
 def show_change(changes: Mapping[str, Any], folder: str) -> None:
@@ -61,13 +62,14 @@ def show_change(changes: Mapping[str, Any], folder: str) -> None:
         _show_rows([("then", changes["outcome"]), ("", changes["values"])])
 
 
-def option_lines(options: Sequence[str], width: int = 76) -> Iterator[str]:
+def option_lines(options: Sequence[str]) -> Iterator[str]:
     """Yield options on lines of a shell, each but the last continued."""
     line = ""
+    width = columns() - len(_INDENT) - len(_CONTINUED)
     for word in options:
         option = word if word.startswith("--") else f"--{word}"
         if line and len(line) + 1 + len(option) > width:
-            yield f"{line} \\"
+            yield f"{line}{_CONTINUED}"
             line = option
         else:
             line = f"{line} {option}".strip()

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
+from textwrap import wrap as wrapped_lines
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -53,6 +54,7 @@ _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(7), *range(14, 32), *ran
 
 _WIDEST = 10_000  # characters of a table
 _LONGEST_CELL = 16  # characters of a cell of a table that does not wrap
+_WIDEST_HEAD = 10  # characters of a line of a head, but for longer words
 # stands for a space at which no line ends: a letter of the user's own, as rich breaks lines at no-break spaces too
 _JOINT = "\ue000"
 _UNITS = "µm|mm/s²|mm/s|mm²|mm³|mm|ms|µs|s|Hz|kHz|deg|%|N·m|rms|kB|MB"
@@ -86,12 +88,14 @@ def plain_table(content: PageTable) -> Table:
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], title: str) -> Table:
     """Return a table of texts for the terminal; columns of prose wrap."""
-    # a head stands above its unit
     table = Table(title=escape(title), title_justify="left", box=None, padding=(0, 1, 0, 0))
     for k, (head, is_number) in enumerate(zip(heads, numeric, strict=True)):
         is_prose = not is_number and is_prose_column(rows, k)
         justify: Literal["left", "right"] = "right" if is_number else "left"
-        table.add_column(escape(head.replace(", ", "\n").replace(" [", "\n[")), justify=justify, no_wrap=not is_prose)
+        # a head stands above its unit
+        parts = head.replace(" [", "\n[").split("\n")
+        lines = [line for part in parts for line in wrapped_lines(part, _WIDEST_HEAD, break_long_words=False)]
+        table.add_column(escape("\n".join(lines)), justify=justify, no_wrap=not is_prose)
     for row in rows:
         table.add_row(*(escape(joined(cell)) for cell in row))
     return table
@@ -100,6 +104,11 @@ def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Seq
 def is_prose_column(rows: Sequence[Sequence[str]], column: int) -> bool:
     """Return whether a column of a table has cells that wrap."""
     return any(len(row[column]) > _LONGEST_CELL for row in rows)
+
+
+def columns() -> int:
+    """Return the width of the terminal in characters."""
+    return _output.width
 
 
 def fits(content: RenderableType) -> bool:

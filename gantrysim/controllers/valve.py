@@ -199,6 +199,18 @@ class Outputs:
         if _SPINDLE in self._met:
             runs = self._turns and self._speed != 0
             self._set(on, _SPEED, self._turns if runs else _STANDS if self._turns else _STOPS, bool(runs))
+        self._enter(on)
+
+    def set_line(self, name: str, *, opens: bool) -> None:
+        """Switch an output that the program sets by its name, as #1100 of FANUC, unless the job names codes."""
+        is_on = name in self.now
+        if self._dispense.on or is_on == opens:
+            return
+        on = dict.fromkeys(self.now)
+        self._set(on, name, f"{name}={opens:d}", opens)
+        self._enter(on)
+
+    def _enter(self, on: dict[str, None]) -> None:
         state = tuple(on)
         if state not in self._numbers:
             if max(len(self._met) / _MOST_OUTPUTS, len(self.states) / _MOST_STATES) > 1:
@@ -328,7 +340,9 @@ class Valve:
             table = ", ".join(f"{name} = {json.dumps(codes)}" for name, codes in named.items() if codes)
             verb, them = ("do", "them") if off else ("does", "it")
             codes = " and ".join((*on, *off))
-            sentence += f" {codes} {verb} not switch it; to let {them}, --set 'program.dispense={{{table}}}'."
+            # the job names M codes alone
+            remedy = f"; to let {them}, --set 'program.dispense={{{table}}}'" if on[0].startswith("M") else ""
+            sentence += f" {codes} {verb} not switch it{remedy}."
         return sentence
 
 

@@ -7,7 +7,7 @@ from numbers import Real
 from types import NoneType
 from typing import Any
 
-from gantrysim.base.errors import InputError, shown
+from gantrysim.base.errors import InputError, shown, wrong_type
 from gantrysim.controllers.controller import Controller
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.dispenser.dispenser import Dispenser
@@ -43,9 +43,7 @@ def check_argument(name: str, value: Any, place: str = "", alternative: str = ""
         return
     if name == "setpoints" and _is_program(value):
         return
-    advice = _advice(name, value)
-    remedy = f"; {advice}" if advice else ""
-    raise InputError(f"{name}{place} is of type {type(value).__name__}: must be {words}{alternative}{remedy}")
+    raise wrong_type(f"{name}{place}", value, f"{words}{alternative}", _advice(name, value))
 
 
 def sent_setpoints(setpoints: Setpoints | Controller, period: float) -> Setpoints:

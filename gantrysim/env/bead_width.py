@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,7 +17,7 @@ from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.glue import BEAD, PIECE, PIECES, SIGHT, WIDTHS, Camera, Glue, LaidBead, Program, lay
 from gantrysim.env.look_ahead import LimitedSpeed, PathsAhead, ahead_entries
 from gantrysim.env.observation import Entry
-from gantrysim.env.outcome import Outcome
+from gantrysim.env.outcome import EpisodeState, Outcome
 from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
 from gantrysim.env.rows import Rows
 from gantrysim.env.scalar import PathEnv
@@ -25,6 +26,7 @@ from gantrysim.env.vector import PathVectorEnv
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Profile
+from gantrysim.record.run import Run
 
 GLUE = {
     "viscosity": RandomValue(1.0, (0.7, 1.4), (1.4, 2.0), POSITIVE, "1", "viscosity over the nominal one at the start"),
@@ -150,6 +152,7 @@ class BeadWidthBatch(EpisodeBatch):
         self._speeds = [np.zeros(1)] * places
         self._noise = [np.zeros(1)] * places
         self._fastest = [1.0] * places
+        self._flow = [np.zeros(1)] * places
         nominal = {name: value.nominal for name, value in GLUE.items()}
         self._glue = [Glue(**nominal, flow_index=settings.index)] * places
         # of the program, zero behind its end
@@ -183,6 +186,7 @@ class BeadWidthBatch(EpisodeBatch):
         random = np.random.default_rng(int(episode.drawn["camera"] * 2**53))
         self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
         self._fastest[place] = float(speeds.max())
+        self._flow[place] = np.zeros(len(episode.simulation.log.tick))
         self._glue[place] = Glue(**{name: episode.drawn[name] for name in GLUE}, flow_index=settings.index)
         self._speed_rows.put(place, self._speeds[place])
         self._paths_ahead.put(place, episode.look)
@@ -202,8 +206,27 @@ class BeadWidthBatch(EpisodeBatch):
             Program(speeds, self._fastest[place], math.exp(self._override[place]), self.source.servo.period),
             self._glue[place],
             Camera(round(settings.behind / PIECE), self._noise[place], settings.tolerance),
-            LaidBead(self._bead[place], self._errors[place], self._widths[place], self._sight[place]),
+            LaidBead(
+                self._bead[place], self._errors[place], self._widths[place], self._sight[place], self._flow[place]
+            ),
         )
+
+    def save(self, place: int, random: np.random.Generator) -> EpisodeState:
+        state = super().save(place, random)
+        return replace(state, values={**state.values, "flow": self._flow[place].copy()})
+
+    def restore(self, place: int, state: EpisodeState, random: np.random.Generator) -> None:
+        values = {**state.values}
+        flow = values.pop("flow")
+        super().restore(place, replace(state, values=values), random)
+        self._flow[place][:] = flow
+
+    def record(self, place: int) -> Run:
+        """Return the record of the episode at a place so far, with the flow of the agent's pressure."""
+        run = super().record(place)
+        dispenser = self._episode(place).simulation.dispenser
+        nominal = dispenser.area * self._fastest[place] if dispenser.area else dispenser.flow
+        return run.replaced(flow=np.where(run.dispense, nominal * self._flow[place][: len(run)], 0.0))
 
     def _measure(self, stepped: NDArray[np.intp]) -> None:
         """Lay the bead since the last decision, and see it."""

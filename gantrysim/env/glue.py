@@ -108,12 +108,14 @@ class LaidBead(NamedTuple):
         errors: of the width of the last pieces, relative, taken in turns, (PIECES,).
         widths: of the interval, of `WIDTHS`; written.
         sight: of the interval, of `SIGHT`; written.
+        flow: over the period after each tick, over the nominal one at the speed v0, (n,).
     """
 
     bead: Any
     errors: Floats
     widths: Any
     sight: Any
+    flow: Floats
 
 
 @jit
@@ -134,7 +136,7 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
         camera: that measures the bead.
         laid: bead laid so far.
     """
-    bead, errors, widths, sight = laid
+    bead, errors, widths, sight, flows = laid
     reference = program.reference
     period = program.period
     index = glue.flow_index
@@ -156,6 +158,7 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
         thickness = glue.viscosity * glue.warming ** -np.expm1(-time / glue.warming_time)
         opening = glue.clog if time >= glue.clog_time else 1.0
         flow = opening * (bead.pressure / thickness) ** (1 / index)
+        flows[k - 1] = flow
         bead.length += np.sqrt((tip[0] - before[0]) ** 2 + (tip[1] - before[1]) ** 2 + (tip[2] - before[2]) ** 2)
         bead.volume += flow * reference * period
         if bead.length < PIECE:

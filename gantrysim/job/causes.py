@@ -24,13 +24,13 @@ import numpy as np
 
 from gantrysim.base import memory
 from gantrysim.base.columns import blocks
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, check_type
 from gantrysim.base.quantity import number_text
 from gantrysim.engine.linear import Engine
 from gantrysim.engine.simulate import stepped_simulation
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.ideal import FINE_PERIOD, finely_sampled, on_the_path
-from gantrysim.job.job import Job
+from gantrysim.job.job import Job, check_job
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
 from gantrysim.machine.machine import Machine
@@ -39,7 +39,7 @@ from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import ERROR
 from gantrysim.paths.path import Projection
-from gantrysim.record.run import Run
+from gantrysim.record.run import Run, check_run
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
 
@@ -160,7 +160,7 @@ def errors_of(budget: Budget) -> Errors:
 
 TITLE = "contour error without one cause at a time, and rms by link [µm]"
 HEADS = ("switched off", "rms", "max", "worth")  # and the links
-CELL_FORM = ".2f"  # effects are often smaller than the decimals of `ERROR`
+CELL_FORM = ".1f"
 
 _SAME_STEP = 1e-9  # relative
 
@@ -336,6 +336,7 @@ def causes_of(
     Raises:
         InputError: the job ends in a fault, has deliberate faults, or its dispenser is never on.
     """
+    check_job(job)
     check_causes(job)
     setup = Setup(
         job.built_machine,
@@ -350,6 +351,10 @@ def causes_of(
         """Return the progress of some of the runs, the job's own first."""
         return None if progress is None else lambda share: progress((first + count * share) / (1 + len(causes)))
 
+    if run is not None:
+        check_run(run)
+    if budget is not None:
+        check_type("budget", budget, Budget, "a Budget", "gantrysim.Budget(run) returns one")
     record = run if budget is None else budget.analysis.run
     if record is None:
         # it is shown

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
 from functools import cached_property
 from typing import Any
 
 from gantrysim.base import memory
-from gantrysim.base.errors import at_least
+from gantrysim.base.errors import at_least, shown, wrong_type
 from gantrysim.base.progress import Progress
 from gantrysim.base.user_code import is_code
 from gantrysim.engine.linear import Engine
@@ -200,3 +201,15 @@ class Job(LoadedJob):
         with self.located():
             record = perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
         return record.replaced(job=self)
+
+
+def check_job(value: Any) -> None:
+    """Raise InputError for anything but a job, with what to write instead of a name, a file or a run."""
+    if isinstance(value, Job):
+        return
+    advice = "gantrysim.Job.load(file) returns one"
+    if isinstance(value, str | os.PathLike):
+        advice = f"write gantrysim.Job.load({shown(os.fspath(value))})"
+    elif isinstance(value, Run) and value.job is not None:
+        advice = "write .job behind it"
+    raise wrong_type("job", value, "a Job", advice)

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, finite, positive, unknown_text
+from gantrysim.base.errors import InputError, finite, positive, unknown_text, wrong_type
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.axis_reading import VISCOUS_DIFFERENCE, facts
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, MOTOR_CONSTANT, STATIC, dcmotors
@@ -75,7 +75,11 @@ class Perturbation:
         for name in FACTORS:
             self._check(name, f"factor of {name}", positive)
         self._check("home_offset", "home_offset", finite)
-        pairs = tuple((name, finite(f"factor of {name}", factor)) for name, factor in self.geometry)
+        try:
+            given = [(name, factor) for name, factor in self.geometry]
+        except (TypeError, ValueError):
+            raise wrong_type("geometry", self.geometry, "pairs", 'write geometry=(("warming", 2.0),)') from None
+        pairs = tuple((name, finite(f"factor of {name}", factor)) for name, factor in given)
         object.__setattr__(self, "geometry", pairs)
 
     def _check(self, name: str, label: str, check: Callable[[str, float], float]) -> None:

@@ -140,8 +140,13 @@ def column(run: Record, name: str) -> NDArray[Any]:
     """Return a column by its name, with or without its unit, (n,), read-only.
 
     Raises:
-        InputError: no column has this name; or as `columns`.
+        InputError: no column has this name, as for a slice of times; or as `columns`.
     """
+    if not isinstance(name, str | int):
+        raise InputError(
+            f"run[{_key_text(name)}]: a run has columns by name, with all its ticks: write run['encoder_x'][part] with "
+            "part = (run.time >= 0.1) & (run.time < 0.2)"
+        )
     named = _all_columns(run)
     # a name with its unit goes before the same one without, which an axis called "x_mm" might have
     by_name = {entry.name: entry for entry in named} | {entry.label: entry for entry in named}
@@ -149,6 +154,14 @@ def column(run: Record, name: str) -> NDArray[Any]:
         question = meant_names(nearest(str(name), [entry.name for entry in named]))
         raise InputError(f"unknown column {shown(name)}: {f'{question} ' if question else ''}run.columns lists all")
     return by_name[name].of(run)
+
+
+def _key_text(key: object) -> str:
+    """Return a key between brackets as it was written, shortened."""
+    if not isinstance(key, slice):
+        return shown(key)
+    parts = [key.start, key.stop] if key.step is None else [key.start, key.stop, key.step]
+    return ":".join("" if part is None else shown(part) for part in parts)
 
 
 def columns(run: Record) -> dict[str, NDArray[Any]]:

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from gantrysim.base.errors import GantryError, InputError, unknown
+from gantrysim.base.errors import GantryError, InputError, check_type, unknown
 from gantrysim.job.causes import Causes, Effect, causes_of
-from gantrysim.job.job import Job
+from gantrysim.job.job import Job, check_job
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench, Progress
 from gantrysim.remedy.by_place import speed_by_place
@@ -213,6 +213,11 @@ def improve(
     Raises:
         InputError: an unknown lever or row, fewer than one worker, or a job that is refused.
     """
+    check_job(job)
+    if causes is not None:
+        check_type("causes", causes, Causes, "Causes", "gantrysim.causes_of(job) returns them")
+    if budget is not None:
+        check_type("budget", budget, Budget, "a Budget", "gantrysim.Budget(run) returns one")
     chosen = chosen_levers(levers)
     names = tuple(ROWS if rows is None else rows)
     for name in names:

@@ -24,7 +24,7 @@ from gantrysim.render.end_card import SECONDS, end_card
 from gantrysim.render.flight import Sight
 from gantrysim.render.fonts import PAPER, rgb
 from gantrysim.render.framing import Framing
-from gantrysim.render.header import Caption, Header, headers
+from gantrysim.render.header import Caption, Header, differences, headers
 from gantrysim.render.opengl import Closing
 from gantrysim.render.panel import Panel, run_colours
 from gantrysim.render.renderer import BEAD, Renderer, checked_size
@@ -47,7 +47,8 @@ class Take:
     """A run to be filmed.
 
     Attributes:
-        label: of the run; by default its machine's name.
+        label: of the run; by default what its job differs in from those of the other takes, or the name of its job or
+            machine.
         bead: settings of the bead, or the bead itself, which is then not computed again.
         verdict: on the run, shown above its picture; by default the run's own, which takes a moment to find.
     """
@@ -117,7 +118,7 @@ class Film(Closing):
         self._verdicts = verdicts = [take.run.known_verdict if take.verdict is None else take.verdict for take in takes]
         colour = chosen_colour(colour, runs, verdicts)
         scale = scale_for(colour, runs, beads)
-        self._labels = labels = [take.label or take.machine.name for take in takes]
+        self._labels = labels = _labels(takes)
         self.panel = Panel(self._runs, self.size, labels[0], scale)
         above = self.panel.size[1]
         room = height - above
@@ -205,9 +206,9 @@ class Film(Closing):
             return None
         return renderer.pixel_of(place.point)
 
-    def end_card(self) -> Picture:
-        """Return what the film ends with, for a second: the verdicts on its runs, (height, width, 3)."""
-        return end_card(self.frame(self.end), self._runs, self._labels, self._verdicts)
+    def end_card(self, speed: float | None = None) -> Picture:
+        """Return what the film ends with for a second: the verdicts on its runs, (height, width, 3); speed as above."""
+        return end_card(self.frame(self.end, speed), self._runs, self._labels, self._verdicts)
 
     def _flight_share(self, time: float, speed: float | None) -> float:
         """Return the share of the flight to the bead at a time of the run, 0 to 1; a single picture shows the bead.
@@ -266,7 +267,7 @@ class Film(Closing):
         def samples() -> list[Picture]:  # first, middle and last
             return [*(self.frame(times[k * (len(times) - 1) // 2], speed) for k in range(3)), card]
 
-        card = self.end_card()
+        card = self.end_card(speed)
         card_frames = max(round(SECONDS * rate), 1)
         with film_writer(target, rate, self.size, samples) as append:
             for count, time in enumerate(times, 1):
@@ -284,6 +285,18 @@ class Film(Closing):
             InputError: another suffix, no such folder, or a time before or after the runs.
         """
         save_picture(Path(file), self.frame(self.end if at is None else at))
+
+
+def _labels(takes: Sequence[Take]) -> list[str]:
+    """Return the labels of takes: those given, else what their jobs differ in, or the names of jobs or machines."""
+    jobs = [take.run.job for take in takes]
+    names = [
+        take.label or (take.machine.name if job is None else job.name) for take, job in zip(takes, jobs, strict=True)
+    ]
+    known = [job for job in jobs if job is not None]
+    if any(take.label for take in takes) or len(takes) == 1 or len(known) < len(jobs):
+        return names
+    return differences(known) or names
 
 
 def _common_framing(takes: Sequence[Take], size: tuple[int, int]) -> Framing | None:

@@ -37,21 +37,35 @@ def labels_of(runs: Sequence[SavedRun]) -> list[str]:
     """Return the labels of saved runs.
 
     A single run is labelled by its job's name, several by the values in which their jobs differ ("loop_period = 1 s")
-    or by their folders where no value differs, more than three do, or one is too long.
+    or by their folders where no value differs, or all that differ are too long.
     """
     if len(runs) == 1:
         return [runs[0].job.name]
-    jobs = [_flat(run.job.model_dump(exclude={"name"})) for run in runs]
-    keys = dict.fromkeys(key for job in jobs for key in job)
-    differing = [key for key in keys if any(job.get(key) != jobs[0].get(key) for job in jobs)]
-    values = [[_text(run.job, key, job.get(key)) for key in differing] for run, job in zip(runs, jobs, strict=True)]
-    longest = max((len(text) for row in values for text in row), default=0)
-    if not 1 <= len(differing) <= _MOST_KEYS or longest > _LONGEST_VALUE:
-        names = [expanded(run.folder).resolve().name for run in runs]
-        return names if len(set(names)) == len(names) else [str(run.folder) for run in runs]
-    short_keys = [key.rpartition(".")[2] for key in differing]
-    names = [short if short_keys.count(short) == 1 else key for short, key in zip(short_keys, differing, strict=True)]
-    return [", ".join(f"{name} = {text}" for name, text in zip(names, row, strict=True)) for row in values]
+    labels = differences([run.job for run in runs])
+    if labels is not None:
+        return labels
+    names = [expanded(run.folder).resolve().name for run in runs]
+    return names if len(set(names)) == len(names) else [str(run.folder) for run in runs]
+
+
+def differences(jobs: Sequence[Job]) -> list[str] | None:
+    """Return what each of some jobs differs in from the others, three values at most; None where all are long."""
+    contents = [_flat(job.model_dump(exclude={"name"})) for job in jobs]
+    keys = dict.fromkeys(key for content in contents for key in content)
+    differing = [key for key in keys if any(content.get(key) != contents[0].get(key) for content in contents)]
+    texts = {
+        key: [_text(job, key, content.get(key)) for job, content in zip(jobs, contents, strict=True)]
+        for key in differing
+    }
+    shown = [key for key in differing if max(map(len, texts[key])) <= _LONGEST_VALUE][:_MOST_KEYS]
+    if not shown:
+        return None
+    short_keys = [key.rpartition(".")[2] for key in shown]
+    names = [short if short_keys.count(short) == 1 else key for short, key in zip(short_keys, shown, strict=True)]
+    others = len(differing) - len(shown)
+    remark = [f"{others} more"] if others else []
+    rows = zip(*(texts[key] for key in shown), strict=True)
+    return [", ".join([*(f"{name} = {text}" for name, text in zip(names, row, strict=True)), *remark]) for row in rows]
 
 
 def _flat(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -196,10 +210,10 @@ class Caption:
 
     def __init__(self, verdict: Verdict | None, width: int, largest: int) -> None:
         self._verdict = _line("" if verdict is None else verdict.headline, font(largest, True), INK, width)
-        check = None if verdict is None else verdict.worst_check
         place = None if verdict is None or verdict.worst_row is None else verdict.worst_place
-        worst = "worst"
-        if check is not None and check.place == place:
+        worst = ""
+        if verdict is not None and place is not None:
+            check = next(check for row in verdict.rows for check in row.checks if check.place == place)
             worst = f"{check.quantity} {number_text(check.value, check.form)} {check.unit}".rstrip()
         self._worst = _line(worst, font(largest), FAULT, int(_MOST_MARK * width))
         self._size = round(_MARK * largest)
@@ -228,11 +242,11 @@ class Caption:
         draw.polygon([*corners, (column + 0.6 * size, row - 1.5 * size)], rgb(FAULT), rgb(PAPER))
         if self._worst is not None:
             rows, columns = self._worst.shape[:2]
-            left = column + 0.8 * size
-            if left + columns > width:
-                left = column - 0.8 * size - columns
+            first = column + 0.8 * size
+            if first + columns > width:
+                first = column - 0.8 * size - columns
             top = min(max(row - 1.6 * size - 0.5 * rows, 0), height - rows)
-            image.paste(Image.fromarray(self._worst), (round(max(left, 0)), round(top)))
+            image.paste(Image.fromarray(self._worst), (round(max(first, 0)), round(top)))
         picture[:] = np.asarray(image)
 
 

@@ -27,6 +27,7 @@ from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, worst
 from gantrysim.results.glue import GLUE, glue_row
 from gantrysim.results.row import Row
+from gantrysim.results.verdict_html import verdict_html
 from gantrysim.results.verdict_quantities import LOADS, SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
 from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
 from gantrysim.servo.stability.margins import Margins, margins_of
@@ -49,7 +50,8 @@ class Verdict(Shown):
         fault: description of the fault that ended the run early; empty for a complete run. No row is then judged.
         contradiction: why the errors of a complete run are not known, see `gantrysim.metrics.budget`; empty
             where they are. No row is then judged.
-        stall: that the dispenser's motor stalls, or does not follow its command, and when; empty where it follows.
+        stall: that the dispenser's motor stalls, or does not follow its command, when, and what it was asked for; empty
+            where it follows.
         tolerance: limits; None for a run that a fault ended.
         disturbances: deliberate faults that occurred in a complete run, by time; its rows are judged with them.
     """
@@ -195,6 +197,9 @@ class Verdict(Shown):
         rows = {row.name: f"{row.state}: {'; '.join(row.texts)}" for row in self.rows}
         return {"verdict": self.headline, **rows}
 
+    def _repr_html_(self) -> str:
+        return verdict_html(self.headline, self.rows)
+
     def content(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
         rows = {row.name: row.content() for row in self.rows}
@@ -267,7 +272,8 @@ def _stall(loads: Iterable[Load], run: Run) -> str:
     if not exceeded:
         return ""
     first = min(exceeded, key=lambda load: load.tick)
-    return f"the dispenser's motor {first.event} at t = {run.time[first.tick]:.3f} s"
+    asked = f"{first.name} {first.value:.4g} {first.unit}, limit {first.limit:.4g} {first.unit}"
+    return f"the dispenser's motor {first.event} at t = {run.time[first.tick]:.4f} s: {asked}"
 
 
 def places_of(run: Run, line_at: Callable[[float], int | None]) -> PlaceAt:

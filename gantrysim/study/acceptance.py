@@ -23,6 +23,7 @@ from gantrysim.study.study import Study
 MOTION_LIMITS = (PATH, STABILITY, MACHINE)  # what the motion alone decides
 _JOB_FILE = "job.toml"  # in the folder of a study
 _PER_CENT = 100.0
+_AS_GOOD = 0.01  # of a use of a limit: one that is larger by less is no worse
 
 
 @dataclass(frozen=True)
@@ -89,24 +90,55 @@ class Scope:
     """The limits by which the cases of a study are compared.
 
     Attributes:
-        aspects: of the verdict.
+        aspects: of the verdict, within whose limits a case must be.
+        reference: the job as it is. In the other aspects, which all cases fail, no case may be worse than it; None
+            where it is not known.
     """
 
     aspects: tuple[str, ...]
+    reference: Acceptance | None = None
 
     @classmethod
-    def of(cls, acceptances: Iterable[Acceptance | None]) -> Scope:
-        """Return the whole tolerance if a case keeps it, else the limits of the motion.
+    def of(cls, acceptances: Iterable[Acceptance | None], reference: Acceptance | None = None) -> Scope:
+        """Return the whole tolerance if a case keeps it, else the limits of the motion, and glue no worse than it is.
 
         Glue that fails in all cases would hide which of them is the better motion.
         """
         is_whole = any(acceptance is not None and acceptance.keeps() for acceptance in acceptances)
-        return cls(ASPECTS if is_whole else MOTION_LIMITS)
+        return cls(ASPECTS) if is_whole else cls(MOTION_LIMITS, reference)
+
+    @property
+    def _others(self) -> list[str]:
+        return [aspect for aspect in ASPECTS if aspect not in self.aspects]
+
+    def worsened(self, acceptance: Acceptance) -> list[str]:
+        """Return the aspects that a case fails by more than the job as it is, of those that all cases fail."""
+        if self.reference is None:
+            return []
+        return [
+            aspect
+            for aspect in self._others
+            if acceptance.states[aspect] == FAIL
+            and acceptance.use([aspect]) > (1 + _AS_GOOD) * self.reference.use([aspect])
+        ]
+
+    def keeps(self, acceptance: Acceptance) -> bool:
+        """Return whether a case keeps the limits, and is no worse than the job in what all cases fail."""
+        return acceptance.keeps(self.aspects) and not self.worsened(acceptance)
+
+    def failures(self, acceptance: Acceptance) -> str:
+        """Return what keeps a case from that, in words."""
+        worse = [f"{aspect}: {acceptance.checks[aspect]}, worse than now" for aspect in self.worsened(acceptance)]
+        return "; ".join(filter(None, (acceptance.failures(self.aspects), *worse)))
 
     @property
     def words(self) -> str:
         """The limits in words."""
-        return "the job's tolerance" if self.aspects == ASPECTS else "the limits of path, stability and machine"
+        if self.aspects == ASPECTS:
+            return "the job's tolerance"
+        motion = "the limits of path, stability and machine"
+        is_bad = self.reference is not None and self.reference.failed(self._others)
+        return f"{motion}, with glue no worse than now" if is_bad else motion
 
     def usage(self, acceptance: Acceptance) -> str:
         """Return how much of the closest limit a case uses, in words, with the check."""
@@ -289,7 +321,7 @@ class JobCriterion(Criterion):
 
     def within(self, row: Row) -> bool:
         acceptance = Acceptance.of(row)
-        return acceptance is not None and acceptance.keeps(self.scope.aspects)
+        return acceptance is not None and self.scope.keeps(acceptance)
 
     def warning(self, row: Row) -> str:
         acceptance = Acceptance.of(row)
@@ -303,7 +335,7 @@ class JobCriterion(Criterion):
 
     def failure(self, row: Row) -> str:
         acceptance = Acceptance.of(row)
-        return str(row["status"]) if acceptance is None else acceptance.failures(self.scope.aspects)
+        return str(row["status"]) if acceptance is None else self.scope.failures(acceptance)
 
     def remark(self, row: Row) -> str:
         acceptance = Acceptance.of(row)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, check_type
 from gantrysim.glue.bead import Bead
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run, check_run
@@ -24,6 +24,8 @@ def figures(run: Run, machine: Machine | None = None) -> Row:
         InputError: no run.
     """
     check_run(run)
+    if machine is not None:
+        check_type("machine", machine, Machine, "a Machine")
 
     def values(run: Run) -> Row:
         job = run.job

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from gantrysim import InputError
@@ -10,6 +11,8 @@ from gantrysim.base.errors import (
     TimedError,
     at_least,
     between,
+    check_one_of,
+    check_type,
     finite,
     meant_names,
     nearest,
@@ -41,6 +44,16 @@ from gantrysim.base.errors import (
         (lambda: point("centre", (1, math.nan)), "centre y = nan mm: must be finite"),
         (lambda: place("start", (1,)), "start of 1 numbers: must be x, y[, z]"),
         (lambda: place("start", (1, 2, math.inf)), "start z = inf mm: must be finite"),
+        (lambda: finite("flow", "200", "mm³/s"), "flow = '200': must be a number"),
+        (lambda: check_one_of("kind", 5, ("valve", "jet")), "unknown kind 5: known: jet, valve"),
+        (
+            lambda: check_one_of("kind", np.zeros((2, 1)), ("valve",)),
+            "unknown kind array([[0.],        [0.]]): known: valve",
+        ),
+        (
+            lambda: check_type("budget", "x", float, "a Budget", "write Budget(run)"),
+            "budget is of type str: must be a Budget; write Budget(run)",
+        ),
         (lambda: whole("repeats", 2.5, 1), "repeats = 2.5: must be a whole number"),
         (lambda: whole("repeats", 0, 1), "repeats = 0: must be at least 1"),
         (lambda: whole("repeats", 2.0**60, 1), "repeats = 1.15292e+18: must be at most 9.0072e+15"),
@@ -53,7 +66,7 @@ def test_a_refusal_names_quantity_value_and_bound(call, text):
 
 
 def test_values_at_their_bounds_are_taken():
-    assert (finite("x", "1.5"), positive("x", 2, "mm", 2), at_least("x", 1, 1, most=1)) == (1.5, 2.0, 1.0)
+    assert (finite("x", 1.5), positive("x", 2, "mm", 2), at_least("x", 1, 1, most=1)) == (1.5, 2.0, 1.0)
     assert (between("x", 0, 0, 1), between("x", 1, 0, 1)) == (0.0, 1.0)
     assert (point("x", [1, 2]), place("x", [1, 2]), place("x", [1, 2, 3])) == ((1, 2), (1, 2, 0), (1, 2, 3))
     assert whole("x", 3.0, 3) == 3

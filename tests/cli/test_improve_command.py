@@ -32,7 +32,7 @@ def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeyp
     monkeypatch.setenv("COLUMNS", "200")
     status, printed, said = gantrysim_command("improve", file, *QUICK, "--apply", "better.toml", "--out", "compared")
     assert (status, said) == (0, "")
-    before, _, after = printed.partition("levers, each simulated alone")
+    before, _, after = printed.partition("What to change")
     assert "verdict ✗ fail: glue" in before
     assert "unchanged" in after
     assert "passes with flow by speed (area 2 mm², 20 ms compensated)." in after
@@ -46,10 +46,12 @@ def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeyp
     assert compared["verdicts"][1] == promised.headline
     page = Page(tmp_path / "compared" / "report.html")
     page.check()
-    assert page.sections[:3] == ["summary", "what-to-change", "what-differs"]
+    assert page.sections[:3] == ["summary", "what-to-change", "beads-and-errors"]
     assert "--set dispenser.flow=0.0" in page.section("what-to-change")
     assert all(letters(line) in letters(after) for line in promised.lines)
-    status, ran, _ = gantrysim_command("run", "better.toml", "--no-video", "--no-report", "--no-causes", "--out", "out")
+    status, ran, _ = gantrysim_command(
+        "run", "better.toml", "--no-video", "--no-report", "--no-causes", "-v", "--out", "out"
+    )
     assert status == 0
     assert all(letters(line) in letters(ran) for line in promised.lines)
 

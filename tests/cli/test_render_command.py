@@ -71,7 +71,7 @@ def test_a_saved_run_becomes_a_video_without_being_run_again(gantrysim_command, 
     with imageio.get_reader(folder / "slow" / "render.mp4") as reader:
         frames = [np.asarray(frame) for frame in reader]
     end = SavedRun.load(folder / "slow").run.time[-1]
-    assert len(frames) == int(np.ceil(4 * end)) + 1
+    assert len(frames) == int(np.ceil(4 * end)) + 1 + 4  # and the end card
     assert frames[0].shape == (200, 300, 3)
     said = f"written to {folder}/slow/render.mp4: {len(frames)} frames, {len(frames) / 4:.1f} s"
     assert printed.splitlines() == [said]
@@ -87,10 +87,11 @@ def test_options_reach_the_film(gantrysim_command, folder):
     back = SavedRun.load(folder / "slow")
     take = Take(back.machine, back.run, "my own", back.job.bead, back.run.verdict)
     with Film([take], camera="top", size=(400, 200), colour="error") as film, Image.open(out) as gif:
-        count = len(film.times(100 / 3, 4))
+        last = len(film.times(100 / 3, 4)) - 1
+        count = last + 1 + 33  # and the end card
         assert gif.n_frames == count
         assert gif.info["duration"] == 30
-        gif.seek(count - 1)
+        gif.seek(last)
         shown = np.asarray(gif.convert("RGB"), float)
         assert np.abs(shown - film.frame(film.end, 4.0)).mean() < 2
     assert printed.endswith(f"{count} frames, {0.03 * count:.1f} s\n")
@@ -118,7 +119,7 @@ def test_two_runs_become_a_comparison_beside_their_folders(gantrysim_command, fo
         assert shows(picture[:110], text, 10, colour, bold=True)
     assert gantrysim_command("render", *runs, "--size", "480x240", "--fps", "2", "--speed", "2")[0] == 0
     with imageio.get_reader(folder / "comparison.mp4") as reader:
-        assert sum(1 for _ in reader) == len(np.arange(0, SavedRun.load(runs[0]).run.time[-1], 1.0)) + 1
+        assert sum(1 for _ in reader) == len(np.arange(0, SavedRun.load(runs[0]).run.time[-1], 1.0)) + 1 + 2
     assert not list(folder.glob("*/render*"))
 
 
@@ -327,8 +328,11 @@ def test_runs_are_labelled_by_the_values_in_which_their_jobs_differ():
         "speed = 100 mm/s, period = 0.001 s, damping = 1",
         "speed = 50 mm/s, period = 0.0005 s, damping = 0.9",
     ]
-    # more than can be read is left to the folders
-    assert against("speed=50", "turns=3", "diameter=100", "feedforward=0") == ["run-0", "run-1"]
+    # more than can be read is counted
+    assert against("speed=50", "turns=3", "diameter=100", "feedforward=0") == [
+        "diameter = 120 mm, turns = 4, speed = 100 mm/s, 1 more",
+        "diameter = 100 mm, turns = 3, speed = 50 mm/s, 1 more",
+    ]
     four = [base.overridden([f"loop_period={period}"]) for period in (1.0, 0.3, 0.1, 0.01)]
     assert labelled(*four) == [f"loop_period = {period} s" for period in ("1", "0.3", "0.1", "0.01")]
 
@@ -345,6 +349,8 @@ def test_runs_with_long_differences_are_labelled_by_their_folders():
     base = Job.load("fanuc-spiral")
     other = base.changed({"program.program": str(base.program["program"]).replace("F6000", "F5000")})
     assert labelled(base, other) == ["run-0", "run-1"]
+    slower = other.overridden(["dispenser.flow=100"])
+    assert [label.rpartition(", ")[2] for label in labelled(base, slower)] == ["1 more"] * 2
     assert labelled(base, base, folders=["a/out", "b/out"]) == ["a/out", "b/out"]
     assert labelled(base, base, folders=["a", "../b"]) == ["a", "b"]
 

@@ -33,6 +33,11 @@ def letters(text):
     return Counter(letter for letter in text if not letter.isspace() and letter not in RULES)
 
 
+def words(text):
+    """The words that are printed, in whatever order and with whatever stops a narrow table has them."""
+    return {word.strip(".:;,\\") for word in text.split() if not set(word) <= RULES}
+
+
 def widest(text):
     return max(len(line.rstrip()) for line in text.splitlines())
 
@@ -76,7 +81,7 @@ def test_a_command_loses_nothing_in_a_narrow_terminal(command, arguments):
     for width in WIDTHS:
         text = command(width, *arguments)
         assert "…" not in text
-        assert letters(text) == letters(everything)
+        assert words(everything) <= words(text)
         if width > min(WIDTHS):  # at the narrowest the budget and the causes run on
             files = [line for line in text.splitlines() if "/: " in line or "note: " in line]
             assert widest("\n".join(line for line in text.splitlines() if line not in files)) <= width
@@ -100,7 +105,7 @@ def test_the_levers_of_improve_lose_nothing(improvement, monkeypatch, capsys):
     for width in WIDTHS:
         text = show(width)
         assert "…" not in text
-        assert letters(text) == letters(everything)
+        assert words(everything) <= words(text)
         if width > min(WIDTHS):
             prose = text.partition("# job file")[0]  # what follows is to be pasted
             assert widest(prose) <= width

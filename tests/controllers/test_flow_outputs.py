@@ -7,6 +7,7 @@ from gantrysim import InputError
 from gantrysim.controllers import fanuc
 from gantrysim.controllers.trio.basic import Basic
 from gantrysim.controllers.trio.basic.program import InterpreterTime
+from gantrysim.controllers.valve import Dispense
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
@@ -85,7 +86,8 @@ def test_the_set_point_of_trio_changes_at_the_statement_s_tick_of_the_program_s_
     ],
 )
 def test_an_output_of_fanuc_is_the_set_point_from_the_block_on_at_which_it_stands(word, first, second, values):
-    program = fanuc.Program(FANUC.format(first=first, second=second), flow_output=word)
+    text = FANUC.format(first=first, second=second)
+    program = fanuc.Program(text, flow_output=word, dispense=Dispense(by="feed"))
     points = program.setpoints(PERIOD)
     for found, value in zip(steady(points), values, strict=True):
         assert found.size > 500
@@ -142,3 +144,12 @@ def test_a_driven_dispenser_and_the_bounds_of_the_key():
     for word in ("#100", "#1116", "M67 E0"):
         with pytest.raises(InputError, match=r'flow_output = .*must be "S", or the variable of an output'):
             fanuc.Program(FANUC.format(first="S2", second="S5"), flow_output=word)
+
+
+def test_outputs_of_trio_other_than_the_valve_are_named():
+    text = "SPEED=20\nOP(12,ON)\nOP(5,ON)\nMOVE(20)\nWAIT IDLE\nOP(5,OFF)\n"
+    assert any(
+        note.endswith("down; OP(5), OP(12) are, and --set program.valve=5 makes one the valve")
+        for note in Basic(text=text).notes
+    )
+    assert not any("never switched" in note for note in Basic(text=text, valve=5).notes)

@@ -224,3 +224,20 @@ def test_the_needle_is_lifted_where_no_glue_is_laid():
     by_codes = lifted(through, dispense=Dispense("codes"))
     assert by_codes == [down, "M03", "G1 X10 F600", "G0 Y5", "G1 X0", "M05", up]
     assert lifted("G1 X10 F600\nG0 Y5\nG1 X0") == ["G1 X10 F600", up, "G0 Y5", down, "G1 X0"]
+
+
+def test_an_interface_output_of_fanuc_switches_the_valve_as_an_m_code_does():
+    text = (
+        "M08\nG00 X5\n#1100=1\nG01 X20 F1200\n#1100=0\nG01 X30\n#1100=1\nG01 X40\nG00 X50\n#1100=0\nM09\nG01 X60\nM30"
+    )
+    program = fanuc_program(text)
+    assert laid(program) == [[5, 20], [30, 40]]
+    (note,) = [note for note in program.notes if "opens the valve" in note]
+    assert note.startswith("#1100=1 opens the valve and #1100=0 closes it: glue is laid in moves at feed")
+    assert 'M8 and M9 do not switch it; to let them, --set \'program.dispense={on = ["M8"], off = ["M9"]}\'.' in note
+    assert laid(fanuc_program(text, dispense=Dispense(on=("M8",), off=("M9",)))) == [[5, 40]]
+    assert laid(fanuc_program(text, dispense=Dispense(by="feed"))) == [[5, 40], [50, 60]]
+    # beside an M code that switches more often, no key of the job names it
+    other = fanuc_program("#1101=1\nM8\nG01 X20 F1200\nM9\nG01 X30\nM8\nG01 X40\nM9\nM30")
+    assert laid(other) == [[0, 20], [30, 40]]
+    assert any(note.endswith("#1101=1 does not switch it.") for note in other.notes)

@@ -99,6 +99,8 @@ def test_a_steady_bead_is_as_wide_as_the_law_of_the_needle_says(override):
     seen = dict(zip(env.observation_names, observation.tolist(), strict=True))
     assert seen["width_error"] == pytest.approx(error / 0.05, rel=5e-3)
     assert info["cost"] == float(abs(error) > 0.05)
+    # the record, and films of it, have the agent's flow, not the program's
+    assert env.run.flow[-2] == pytest.approx(env.run.flow_demand[-2] * (1 + error) ** 2, rel=5e-3)
     assert seen["speed"] == pytest.approx(0.6, rel=1e-3)
 
 

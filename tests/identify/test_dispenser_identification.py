@@ -1,6 +1,8 @@
 """A dispenser identified from measurements that are made up without gantrysim."""
 
+import re
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from gantrysim.identify.dispenser.identification import identify_dispenser
 from gantrysim.identify.dispenser.measurements import needle_of, read_measurements
 from gantrysim.identify.dispenser.output import tables_text
 
-from support.dispensers import FLUIDS, KINDS, Fluid, dispenser_data, tube_flow
+from support.dispensers import FLUIDS, KINDS, Fluid, bead_width, dispenser_data, tube_flow
 from support.soaked import suite_runs
 
 
@@ -155,6 +157,77 @@ def test_advice_is_a_measurement_that_narrows(tmp_path):
     assert width(more) < width(first)
 
 
+def test_a_fixed_flow_is_weighed_over_one_time_and_pressed_under_a_needle(tmp_path):
+    """2 mm³/s by hand, and a bead of 0.1 mm² that is a segment of 70°."""
+    rows = [f"10,{10 * 1.1 * 2.0 * (1 + e):.3f},,," for e in (0.003, -0.002, 0.004, -0.004, 0.001)]
+    rows += [f",,{v},1.0,{bead_width(2.0 / v, 1.0, 70.0, 0.72):.4f}" for v in (10, 20, 40)]
+    text = "time [s],mass [mg],speed [mm/s],gap [mm],width [mm]\n" + "\n".join(rows)
+    found = identified(tmp_path, text, density=1.1, needle=(0.41, 12.7))
+    assert found["flow"].value == pytest.approx(2.0, rel=0.005)
+    assert found["contact_angle"].low <= 70 <= found["contact_angle"].high
+    tables = found.tables
+    assert tables["dispenser"]["needle"] == {"bore": 0.41, "length": 12.7}
+    assert tables["bead"]["contact_angle"] == pytest.approx(70, abs=1.0)
+
+
+def test_a_pressure_at_which_nothing_flows_is_a_measurement(tmp_path):
+    glue = Fluid(12.0, 0.7, 300.0)
+    text = weighings(glue, (20.0, 30.0, *PRESSURES), share=0.01)
+    assert ",0.00\n" in text
+    found = identified(tmp_path, text, **GLUE)
+    assert found["needle.yield_stress"].identified
+    assert found["needle.yield_stress"].low <= 300 <= found["needle.yield_stress"].high
+
+
+def test_intervals_stay_finite_where_nothing_fits_well(tmp_path):
+    """Dots whose masses scatter by a third: no flow is known, and no figure overflows."""
+    rows = ("9.75,202.7", "29.3,1293.8", "40.9,2353.1", "47.0,2351.1", "47.3,1870.2")
+    try:
+        values = identified(tmp_path, "open time [ms],mass [mg]\n" + "\n".join(rows), density=1.2).values
+    except NotIdentifiedError:
+        return
+    assert all(np.isfinite([value.value, value.low, value.high]).all() for value in values)
+    assert not any(value.identified for value in values if value.name in ("flow", "opening", "closing", "dead_time"))
+
+
+def test_experiments_are_told_apart_by_their_names(tmp_path):
+    """Two records in one table, the time of each from zero; a command in volts."""
+    times = np.arange(0, 3, 0.02)
+    lines = [
+        f"{name},{t:.2f},{24 * (1 < t < 2)},{sound_mass(t):.2f}" for name in ("first", "second") for t in times.tolist()
+    ]
+    text = "experiment,time [s],command [V],mass [mg]\n" + "\n".join(lines)
+    found = identified(tmp_path, text, density=1.1)
+    assert [experiment.label for experiment in found.measured.experiments] == ["first (record)", "second (record)"]
+    assert found["flow"].value == pytest.approx(40 / 1.1, rel=0.01)
+    assert any("include those of the scale" in note for note in found.notes)
+
+
+def test_a_pump_s_slip_needs_two_needles(tmp_path):
+    """With one needle and a Newtonian glue only D / (1 + g / C) shows: pressure and flow are proportional."""
+    lines = ["pump speed [rpm],length [mm],time [s],mass [mg],pressure [kPa]"]
+    glue = Fluid(20.0, 1.0, 0.0)
+    displacement = 10.0
+    leak = 2e-4
+
+    def rows(length):
+        per_pressure = tube_flow(glue, 0.61, length, 1.0)
+        for k, speed in enumerate((5.0, 10.0, 20.0, 40.0, 80.0)):
+            pressure = displacement * speed / 60 / (per_pressure + leak)
+            mass = 1.2 * 30 * per_pressure * pressure * (1 + 0.002 * (-1) ** k)
+            lines.append(f"{speed},{length},30,{mass:.2f},{pressure * (1 + 0.002 * (-1) ** (k // 2)):.2f}")
+
+    rows(12.7)
+    one = identified(tmp_path, "\n".join(lines), density=1.2, needle=(0.61, 12.7))
+    assert not one["pump.leak"].identified
+    assert one["pump.displacement"].low <= displacement <= one["pump.displacement"].high
+    rows(50.0)
+    two = identified(tmp_path, "\n".join(lines), density=1.2, needle=(0.61, 12.7))
+    assert two["pump.leak"].identified
+    assert two["pump.leak"].low <= leak <= two["pump.leak"].high
+    assert two["pump.displacement"].low <= displacement <= two["pump.displacement"].high
+
+
 @pytest.mark.parametrize(
     ("text", "size"), [("0.41x12.7", (0.41, 12.7)), ("22Gx12.7", (0.413, 12.7)), ("0.41 × 12.7 mm", (0.41, 12.7))]
 )
@@ -254,6 +327,16 @@ SPOILED = {
         {"density": 1.1},
         "its command never changed",
     ),
+    "dots of a pump": (
+        "pump speed [rpm],open time [ms],mass [mg]\n10,20,1\n10,40,2\n10,80,4\n",
+        {"density": 1.1},
+        "of a volumetric dispenser: only a valve has an open time",
+    ),
+    "weighings of a jet": (
+        "drops,time [s],mass [mg]\n100,,1.1\n200,,2.2\n,1,5\n,2,10\n,3,15\n,4,20\n",
+        {"density": 1.1},
+        "weighing: of a jet: must be drops and mass",
+    ),
     "two kinds": (
         "pump speed [rpm],plunger speed [mm/s],time [s],mass [mg]\n" + "".join(f"{k},{k},5,{k}\n" for k in range(1, 6)),
         {"density": 1.1},
@@ -275,3 +358,19 @@ def test_sound_data_pass(tmp_path):
     found = identified(tmp_path, record_text(sound_mass), density=1.1)
     assert found["flow"].value == pytest.approx(40 / 1.1, rel=0.01)
     assert identified(tmp_path, RIGHT, **GLUE)["needle.consistency"].identified
+
+
+def test_the_example_of_the_docs_is_identified(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "dispensers.md").read_text(encoding="utf-8")
+    text = re.search(r"```csv\n(.*?)```", page, re.DOTALL)[1]
+    found = identified(tmp_path, text, density=1.35, needle=(0.41, 12.7))
+    shown = " ".join(page.split())
+    for name, form in (("needle.consistency", ".0f"), ("needle.index", ".2f"), ("contact_angle", ".0f")):
+        value = found[name]
+        assert value.identified
+        numbers = [f"{number:{form}}" for number in (value.value, value.low, value.high)]
+        assert re.search(r"{}\D+{}\D+{}".format(*map(re.escape, numbers)), shown)
+    assert found["needle.yield_stress"].reason == "includes zero"
+    assert found["open_time_offset"].value == pytest.approx(0.006, abs=5e-4)
+    assert not found["dead_time"].identified
+    assert any("a record of the flow" in words for words in found.advice.words)

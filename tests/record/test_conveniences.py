@@ -98,6 +98,18 @@ def test_an_unknown_column_gets_the_three_nearest(run):
         list(run)
 
 
+def test_rows_of_a_time_are_a_mask_of_a_column(run):
+    for key, text in ((slice(0.1, 0.2), "0.1:0.2"), (slice(None, 5, 2), ":5:2"), ((1, "x"), "(1, 'x')")):
+        with pytest.raises(gs.InputError) as error:
+            run[key]
+        assert str(error.value) == (
+            f"run[{text}]: a run has columns by name, with all its ticks: write run['encoder_x'][part] with "
+            "part = (run.time >= 0.1) & (run.time < 0.2)"
+        )
+    part = (run.time >= 0.1) & (run.time < 0.2)
+    assert len(run["encoder_x"][part]) == 100
+
+
 def test_the_job_is_not_saved_and_comes_back_from_the_folder(run, tmp_path):
     run.save(tmp_path / "run.npz")
     assert gs.Run.load(tmp_path / "run.npz").job is None
@@ -156,10 +168,10 @@ def test_the_film_is_of_the_job(run, monkeypatch):
     assert run.film("a.mp4", speed=2.0) == 7
     (((machine, filmed, file), named),) = calls
     assert (machine, filmed, file) == (run.job.built_machine, run, "a.mp4")
-    assert named == {"bead": run.job.bead, "label": JOB, "verdict": run.verdict.headline, "speed": 2.0}
+    assert named == {"bead": run.job.bead, "label": JOB, "verdict": run.verdict, "speed": 2.0}
     dry = run.replaced(dispense=np.zeros_like(run.dispense))
     dry.film("a.mp4")
-    assert calls[1][1]["verdict"] == ""
+    assert calls[1][1]["verdict"] is None
 
 
 def test_rooms_are_reached_from_the_package():

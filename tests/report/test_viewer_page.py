@@ -32,6 +32,7 @@ BEAD = ".bead .surface"
 STRIPS = ".strips"
 STRIP = '.strip[data-name="contour-all"] .u-over'
 SHIFT = 8
+CARD = 1  # end card of a film [s]
 VISIBLE = 10  # difference of a colour of 256 levels
 # brightness of the film's present frame
 GREY = """
@@ -71,6 +72,8 @@ def file(results, tmp_path_factory):
     with imageio.v2.get_writer(film, fps=FPS) as writer:
         for k in range(frames):
             writer.append_data(np.full((48, 64, 3), 255 * k // frames, np.uint8))
+        for _ in range(CARD * FPS):
+            writer.append_data(np.zeros((48, 64, 3), np.uint8))
     write_run_page(folder / "report.html", results, film)
     return folder / "report.html"
 
@@ -320,9 +323,9 @@ def test_the_strips_are_drawn_over_time_or_along_the_path(page, results):
 def test_film_and_cursor_follow_each_other(page, results):
     end = float(results.budget.analysis.run.time[-1])
     page.wait("document.querySelector('video').duration > 0")
-    duration = page.run("return document.querySelector('video').duration")
-    # it rests at its last frame, while the cursor is at the largest error
-    page.wait(f"document.querySelector('video').currentTime > {duration - 1 / FPS}")
+    duration = page.run("return document.querySelector('video').duration") - CARD
+    # it rests at its last frame before the end card, while the cursor is at the largest error
+    page.wait(f"Math.abs(document.querySelector('video').currentTime - {duration - 0.5 / FPS}) < {0.5 / FPS}")
     page.settle()
     assert page.run("return parseFloat(document.querySelector('.readout output').textContent)") < 0.9 * end
     left, top, width, height = page.box(STRIP)
@@ -334,12 +337,12 @@ def test_film_and_cursor_follow_each_other(page, results):
         page.wait("!document.querySelector('video').seeking")
         page.settle()
         assert page.run(GREY) * frames / 255 == pytest.approx(round(time * FPS), abs=0.6)  # the nearest frame
-    page.run("document.querySelector('video').currentTime = 0.5 * document.querySelector('video').duration")
+    page.run(f"document.querySelector('video').currentTime = {0.5 * duration}")
     page.wait("!document.querySelector('video').seeking")
     page.settle()
     assert tick_of(page, results) * results.budget.analysis.run.period == pytest.approx(0.5 * end, abs=0.05)
     page.run("document.querySelector('video').muted = true; document.querySelector('video').play()")
-    page.wait("document.querySelector('video').currentTime > 0.6 * document.querySelector('video').duration")
+    page.wait(f"document.querySelector('video').currentTime > {0.6 * duration}")
     script = (
         "const shown = document.querySelector('.readout output').textContent;"
         "return [document.querySelector('video').currentTime, parseFloat(shown)]"

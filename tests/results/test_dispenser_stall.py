@@ -83,7 +83,8 @@ def test_a_motor_without_the_force_for_its_flow_fails_where_it_stalls(share):
     assert check.place.time == pytest.approx(run.time[first], abs=2 * run.period)
     assert check.place.point == pytest.approx(tuple(run.nozzle[first]), abs=2 * SPEED * run.period)
     assert check.place.line in (4, 5)
-    assert verdict.stall == f"the dispenser's motor stalls at t = {check.place.time:.3f} s"
+    asked = f"force {check.value:.4g} N, limit {force:.4g} N"
+    assert verdict.stall == f"the dispenser's motor stalls at t = {check.place.time:.4f} s: {asked}"
     assert verdict.headline.startswith(f"✗ fail: {verdict.stall}; ")
     assert "machine" in verdict.headline
     assert verdict.content()["dispenser_stall"] == verdict.stall

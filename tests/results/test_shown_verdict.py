@@ -33,7 +33,7 @@ def words(text):
 def test_terminal_summary_and_page_have_the_verdict_of_the_record(gantrysim_command, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     folder = tmp_path / "out"
-    status, out, _ = gantrysim_command("run", "an225", *SMALL, "--out", folder, "--fail-on", "fail")
+    status, out, _ = gantrysim_command("run", "an225", *SMALL, "--out", folder, "--fail-on", "fail", "-v")
     verdict = Verdict.of(Job.of_record(folder / "job.toml"), Run.load(folder / "run.npz"))
     assert (status, verdict.state) == (4, "fail")
     content = json.loads((folder / "summary.json").read_text())

@@ -23,6 +23,7 @@ from support.tunings import tuning
 
 WHOLE = "the job's tolerance"
 MOTION = "the limits of path, stability and machine"
+AS_GOOD = ", with glue no worse than now"
 CONTOUR = "path: contour error, max {:.1f} µm, at most 80.0 µm"
 
 
@@ -99,10 +100,37 @@ def test_no_law_is_recommended_where_none_keeps_the_tolerance(job):
 def test_glue_that_fails_with_every_law_is_named_and_never_called_within_the_tolerance(job):
     text = laws(job, pd=verdict(40.0, glue="fail"), pid=verdict(20.0, glue="fail", stability="not judged"))
     assert "tolerance" not in text
-    assert f"keeps {MOTION}, with 50 % of the closest limit used" in text
+    assert f"keeps {MOTION}{AS_GOOD}, with 50 % of the closest limit used" in text
     assert "; the glue fails all the same (glue in words)" in text
     alone = laws(job, pid=verdict(20.0, glue="fail", stability="not judged"))
     assert "; stability is not judged; the glue fails" in alone
+
+
+def test_a_law_that_worsens_glue_which_fails_with_every_law_is_not_recommended(job):
+    worse = {**verdict(20.0, glue="fail"), "glue_limit_use_percent": 400.0}
+    text = laws(job, pd=worse, pid=verdict(60.0, glue="fail"), pid_friction=verdict(30.0, glue="fail"))
+    assert text.startswith('Keep servo.law = ["pid"]: pid is the cheapest of 3 laws that keeps')
+    kept = Scope.of([Acceptance.of(worse)], Acceptance.of(verdict(glue="fail")))
+    assert kept.failures(Acceptance.of(worse)) == "glue: glue in words, worse than now"
+
+
+def test_the_laws_are_reported_without_pd_where_it_has_no_run(job):
+    names = {rung.name for rung in LADDER if rung.name != "pd"}
+    values = (
+        "following_rms_um",
+        "following_along_rms_um",
+        "reversal_max_um",
+        "contour_rms_um",
+        "torque_ripple_Nm",
+        "gain_margin",
+    )
+    numbers = dict.fromkeys((*values, "phase_margin_deg", "sensitivity"), 2.0)
+    rows = [{"law": name, "variation": "nominal", **verdict(60.0), **numbers} for name in sorted(names)]
+    report = LawsStudy(job).report([{"law": "pd", "variation": "nominal", **FAULT}, *rows])
+    assert "the cheapest of" in report.answer
+    assert len(report.table.rows) == len(names)
+    assert {row[2] for row in report.table.rows} == {None}
+    assert any("has no run with values" in note for note in report.details.notes)
 
 
 def swept(sweep, **rows):
@@ -120,7 +148,7 @@ def test_the_loop_period_that_keeps_the_tolerance():
         f"90 % of the closest limit used ({CONTOUR.format(72)}); the contour error has knees at loop period (loop "
         "alone) 4.6 ms."
     )
-    assert sweep_verdicts(rows)["loop_period"].kept_text == "20 ms to 50 ms"
+    assert sweep_verdicts(study, rows)["loop_period"].kept_text == "20 ms to 50 ms"
     kept = [*rows, *swept("loop_period", _100=verdict(40.0), _200=verdict(44.0))]  # the later row counts
     text = loop_answer(study, kept, {})
     assert text.startswith("Keep program.loop_period = 0.1, which keeps the job's tolerance, with 50 % of the closest ")
@@ -236,6 +264,15 @@ def test_the_speed_is_judged_by_the_job_s_limits():
     text = report({50.0: 20.0, 100.0: 88.0}, glue="fail")
     assert text.startswith("Set program.speed = 50, dispenser.flow = 100: 50 mm/s, 0.5 times the programmed")
     assert text.endswith("; the glue fails all the same (glue in words).")
+    faster = {"glue": "fail"}
+    rows = [
+        {"speed_mm_s": speed, **verdict(40.0, **faster), "glue_limit_use_percent": use, "contour_rms_um": 1.0}
+        | {"program_rms_um": 1.0, "speed_mean_mm_s": speed, "duration_s": 1e3 / speed}
+        for speed, use in ((50.0, 240.0), (100.0, 250.0), (200.0, 400.0))
+    ]
+    text = study.report(rows).answer
+    assert text.startswith("Keep the programmed speed: 100 mm/s, 1 times the programmed 100 mm/s, is the fastest")
+    assert "200 mm/s does not (glue: glue in words, worse than now)" in text
     assert report({50.0: 96.0, 100.0: 120.0}) == (
         f"No speed tried, from 50 to 100 mm/s, keeps {MOTION}: 50 mm/s comes nearest ({CONTOUR.format(96)}), so speed "
         "is not the lever; gantrysim improve an225 tries the others."
@@ -266,9 +303,10 @@ def circles(*paths):
 
 def test_a_circle_is_judged_by_the_tolerance():
     assert circles(20.0, 60.0).answer.startswith(
-        f"Yes, both directions keep {MOTION}, with 75 % of the closest limit used ({CONTOUR.format(60)}), and nothing "
-        "needs to change: circular deviation G = "
+        f"Yes, both directions keep {MOTION}, with 75 % of the closest limit used ({CONTOUR.format(60)}): "
+        "circular deviation G = "
     )
+    assert "; the largest spike at a reversal is " in circles(20.0, 60.0).answer
     text = circles(20.0, 120.0).answer
     assert text.startswith(f"No, run counter-clockwise it is at 1.5 times the limit ({CONTOUR.format(120)}): ")
     assert text.endswith(

@@ -1,4 +1,4 @@
-"""Faults of a page's labels in a browser: texts that are cut, that leave their picture, or that run into one another."""
+"""Faults of a page's labels in a browser: texts that are cut, leave their picture, or run into one another."""
 
 # texts on canvases leave no element: noted as they are drawn, until their canvas is cleared
 NOTES = """
@@ -12,7 +12,8 @@ prototype.fillText = function (text, x, y, ...rest) {
   const points = sides.flatMap((dx) => heights.map((dy) => matrix.transformPoint({ x: x + dx, y: y + dy })));
   const [xs, ys] = [points.map((p) => p.x), points.map((p) => p.y)];
   const box = [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)];
-  if (String(text).trim()) (this.canvas.noted ||= []).push({ text: String(text), box, size: parseFloat(this.font.match(/[\\d.]+px/)) });
+  const size = parseFloat(this.font.match(/[\\d.]+px/));
+  if (String(text).trim()) (this.canvas.noted ||= []).push({ text: String(text), box, size });
   return fillText.call(this, text, x, y, ...rest);
 };
 prototype.clearRect = function (...box) {
@@ -26,7 +27,8 @@ const [least] = arguments;
 const labels = [];
 const faults = [];
 const shown = (element) => element.checkVisibility({ opacityProperty: true, visibilityProperty: true });
-const named = (element) => `${element.closest("section")?.id || "page"} ${element.closest("[class]")?.getAttribute("class") || ""}`;
+const classOf = (element) => element.closest("[class]")?.getAttribute("class") || "";
+const named = (element) => `${element.closest("section")?.id || "page"} ${classOf(element)}`;
 // the part of a box that its ancestors show; what hides is a fault, what scrolls is not
 const visible = (element, box, text) => {
   let [left, top, right, bottom] = box;
@@ -63,7 +65,8 @@ for (let node = walker.nextNode(); node; node = walker.nextNode()) {
   for (const b of range.getClientRects()) {
     if (b.width < 2 || b.height < 2) continue;
     const frame = svg?.getBoundingClientRect();
-    if (frame && (b.left < frame.left - 1 || b.right > frame.right + 1 || b.top < frame.top - 2 || b.bottom > frame.bottom + 2)) {
+    const aside = frame && (b.left < frame.left - 1 || b.right > frame.right + 1);
+    if (aside || (frame && (b.top < frame.top - 2 || b.bottom > frame.bottom + 2))) {
       faults.push(`leaves its figure: ${node.data.trim()} in ${named(svg.closest("figure"))}`);
     }
     note(element, node.data.trim(), [b.left, b.top, b.right, b.bottom], size);

@@ -12,7 +12,7 @@ from typing import Any
 from gantrysim.base.quantity import NOTHING, Quantity, number_text, numbers_of
 from gantrysim.compare.runs.compared_run import ComparedRun
 from gantrysim.job.job import Job
-from gantrysim.results.checks import SYMBOLS, UNJUDGED, Check, finite
+from gantrysim.results.checks import PASS, SYMBOLS, UNJUDGED, Check, finite
 from gantrysim.results.quantities import GROUPS, Group
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
@@ -231,14 +231,18 @@ class CheckChange:
         return BETTER if (new > old) == self.known.at_least else WORSE
 
     def change_text(self, run: int) -> str:
-        """Return the change against the first run, and whether that is better or worse, by a shape and in a word."""
+        """Return the change against the first run, and where the limit matters whether that is better or worse."""
         judgement = self.judgement(run)
         if not judgement:
             return NOTHING
         if judgement == SAME:
             return f"{MARKS[SAME]} {SAME}"
         size = number_text(self.change(run), f"+{self.known.form}")
-        return f"{size} {MARKS[judgement]} {judgement}"
+        return f"{size} {MARKS[judgement]} {judgement}" if self.is_critical(run) else size
+
+    def is_critical(self, run: int, against: int = 0) -> bool:
+        """Return whether the limit matters to a run or to another: one of them does not pass it with a margin."""
+        return any(check is not None and check.state != PASS for check in (self.checks[run], self.checks[against]))
 
     def content(self) -> dict[str, Any]:
         """Return the check of all runs for JSON."""
@@ -319,9 +323,15 @@ class ValueChange:
 
 
 def with_share(text: str, change: float, value: float) -> str:
-    """Return the text of a change with its share of a value, in percent with its sign, where that is not nothing."""
+    """Return the text of a change with its share of a value, in percent with its sign, where that is not nothing.
+
+    A value of less than two digits, as the text rounds, is nothing to take a share of.
+    """
     percent = 100 * change / abs(value) if value else math.nan
     if text == "0" or not abs(percent) >= _LEAST_PERCENT:
+        return text
+    digit = 10.0 ** -len(text.partition(".")[2])
+    if abs(value / change * float(text.replace(",", ""))) < 10 * digit:
         return text
     return f"{text} ({percent:+.1f} %)" if abs(percent) < 10 else f"{text} ({percent:+.0f} %)"
 

@@ -15,11 +15,13 @@ from gantrysim.controllers.fanuc.blocks import Block
 from gantrysim.controllers.fanuc.codes import ACTIONS, CENTRES, MOTIONS, SETTINGS, g_codes_in_short
 from gantrysim.controllers.fanuc.modal_state import ENDS, ModalState
 from gantrysim.controllers.fanuc.sequence import ProgramSource, Sequence
+from gantrysim.controllers.macro.variables import Parameters
 from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.controllers.valve import NUMBERED, Outputs
 from gantrysim.paths.pieces import Vector
 
 SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=COMMENT, key="feed")
+_OUTPUTS = range(1100, 1116)  # variables of the interface's output signals
 _LENGTHS = set("XYZIJKQR")
 # codes that change what a mirror image or a turn refers to
 _PLAIN_ONLY = {"G17", "G18", "G19", "G28", "G52", "G54", "G55", "G56", "G57", "G58", "G59", "G92"}
@@ -100,13 +102,15 @@ def read(
             flow=sequence.parameters.numbered(variable) if variable else state.spindle,
         )
         for words in sequence.run()
-        for block in _run(state, words)
+        for block in _run(state, words, sequence.parameters)
     )
     return ProgramMotions(blocks, sequence.called_files)
 
 
-def _run(state: ModalState, words: Words) -> list[Block]:
-    """Apply a block's codes, and return its motions."""
+def _run(state: ModalState, words: Words, variables: Parameters) -> list[Block]:
+    """Apply a block's codes, with the outputs that variables have set before it, and return its motions."""
+    for number in _OUTPUTS:
+        state.outputs.set_line(f"#{number}", opens=variables.numbered(number) != 0)
     _set_modes(state, words)
     values = words.values
     values.pop("H", None)  # of the tool length

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -441,7 +441,8 @@ def _with_dots(sections: Sections, bead: BeadTrace, dots: list[Dot]) -> Sections
     )
     order = np.argsort(np.concatenate([sections.place, capped.place]), kind="stable")
     both = zip(sections[:-1], capped[:-1], strict=True)
-    return Sections(*(np.concatenate(pair)[order] for pair in both), sections.thickness)
+    columns: list[Any] = [*(np.concatenate(pair)[order] for pair in both), sections.thickness]
+    return Sections(*columns)
 
 
 def _surface(bead: BeadTrace) -> Floats:

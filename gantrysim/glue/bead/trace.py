@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, lengths, spans
 from gantrysim.base.columns import by_blocks, extent
-from gantrysim.base.errors import whole
+from gantrysim.base.errors import check_type, whole
 from gantrysim.glue.bead.dots import Dot, dots_of, dotted_ticks
 from gantrysim.glue.bead.section import BeadSettings, Section
 from gantrysim.glue.dispenser.material import Material
@@ -135,6 +135,8 @@ class BeadTrace:
         stations: int | None = None,
     ) -> None:
         check_run(run)
+        if settings is not None:
+            check_type("settings", settings, BeadSettings, "BeadSettings", "a job has them as job.bead")
         self.run = run
         self.settings = BeadSettings() if settings is None else settings
         self.gap = run.gap if self.settings.gap is None else self.settings.gap

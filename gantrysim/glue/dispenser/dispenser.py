@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
-from gantrysim.base.errors import InputError, at_least, positive, unknown
+from gantrysim.base.errors import InputError, at_least, check_one_of, positive
 from gantrysim.glue.dispenser.driven import Drive, Driven, Load, driven_flow, driven_notes, loads
 from gantrysim.glue.dispenser.jet import Jet, Shots, jet_notes, shots
 from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
@@ -149,10 +149,8 @@ class Dispenser:
         for name in ("dead_time", "closing_dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
             if getattr(self, name) is not None:
                 at_least(name, getattr(self, name), 0, "s", _LONGEST)
-        if self.metering not in (VOLUMETRIC, TIME_PRESSURE):
-            raise unknown("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
-        if self.kind not in _KINDS:
-            raise unknown("kind of dispenser", self.kind, _KINDS)
+        check_one_of("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
+        check_one_of("kind of dispenser", self.kind, _KINDS)
         self._check_kind()
         if self.metering == TIME_PRESSURE and self.needle is None:
             raise InputError("metering time-pressure: needs a needle, which converts pressure to flow")
@@ -170,7 +168,7 @@ class Dispenser:
             if not flow:
                 least = self._driven.yield_pressure
                 raise InputError(f"{given[0]}: must be greater than the needle's yield pressure, {least:.4g} kPa")
-        if self.limit != math.inf:
+        if not isinstance(self.limit, float) or self.limit != math.inf:
             unit = "kPa" if self.metering == TIME_PRESSURE else "mm³/s"
             limit = positive("limit", self.limit, unit)
             request = float(self._request(np.array([self.flow]))[0]) if self.flow else self.pressure

@@ -46,7 +46,7 @@ def draw_height_map(on: Figure | SubFigure | Axes, bead: Bead) -> Axes:
         bar.ax.axhline(bead.gap, color=INK, lw=1.0)
         place = (0, bead.gap)
         units = ("axes fraction", "data")
-        bar.ax.annotate("gap", place, (-2, 0), units, "offset points", ha="right", va="center", fontsize=7)
+        bar.ax.annotate("gap", place, (-2, 0), units, "offset points", ha="right", va="center", fontsize=8)
     return axes
 
 

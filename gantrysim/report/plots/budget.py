@@ -49,7 +49,7 @@ def draw_shares(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
     axes.set(yticks=[], xlabel="share of the contour error's mean square [%]")
     axes.grid(visible=False, axis="y")
     axes.spines["left"].set_visible(False)
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4 if len(shares) < 5 else 5)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=0.8, handlelength=1.2)
     return axes
 
 
@@ -61,7 +61,7 @@ def draw_by_turn(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
     rms = np.array([turn.parts["contour"].rms for turn in turns])
     parts = {name: UM * rms * share for name, share in _shares_by_turn(budget).items()}
     stack_bars(axes, number, parts, upright=True)
-    axes.set(xlabel="turn", ylabel="rms [µm]", title="Rms contour error by turn, split by the links' shares")
+    axes.set(xlabel="turn", ylabel="rms [µm]", title="Contour error by turn and link")
     every = -(-number.size // _MOST_NAMED)
     named = [turn for turn in turns if turn.turn % every == 0 or not turn.name.startswith("turn")]
     axes.set_xticks([turn.turn for turn in named], [turn.name.removeprefix("turn ") for turn in named])

@@ -45,13 +45,13 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
         for fault in (fault for fault in run.injected if fault.time <= run.time[-1]):
             axes.axvline(fault.time, color=COLOURS["fault"], lw=0.8, ls=":")
             place = (fault.time, 0.97)
-            axes.annotate(fault.kind, place, xycoords=("data", "axes fraction"), rotation=90, va="top", fontsize=7)
+            axes.annotate(fault.kind, place, xycoords=("data", "axes fraction"), rotation=90, va="top", fontsize=8)
         axes.axhline(0, color="0.4", lw=0.6)
         axes.margins(x=0.01)
         for start, after in spans(~run.dispense):
             axes.axvspan(run.time[start], run.time[after - 1], color="0.5", alpha=0.12, lw=0)
             place = (run.time[start], 0.03)
-            axes.annotate("dispenser off", place, xycoords=("data", "axes fraction"), rotation=90, fontsize=7)
+            axes.annotate("dispenser off", place, xycoords=("data", "axes fraction"), rotation=90, fontsize=8)
     return (*upper, lower)
 
 

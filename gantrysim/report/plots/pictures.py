@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # width of a plot across the page, and of one of two side by side [inch]
 PLOT_WIDTH = 10.7
-HALF = 5.3
+HALF = 4.4
 _PLAN = 7.6  # of a plan view
 PAGE_COLUMNS = 350  # horizontal resolution of noisy lines on a page, which they make large
 

@@ -40,7 +40,7 @@ def draw_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     axes.set_xticks(range(0, 361, 45))
     axes.set_xlim(0, 360)
     axes.ticklabel_format(axis="y", useOffset=False)
-    add_legend(on, 3)
+    add_legend(on, 2)
     return axes
 
 
@@ -66,7 +66,7 @@ def draw_polar_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axe
         high = max(high, requested)
     reach = max(high - low, 1e-3)
     axes.set_rlim(low - reach, high + 0.05 * reach)
-    axes.set_rticks(np.linspace(low, high, 3), [f"{r:.3f}" for r in np.linspace(low, high, 3)], fontsize=8)
+    axes.set_rticks(np.linspace(low, high, 3), [f"{r:.2f}" for r in np.linspace(low, high, 3)])
     axes.set_rlabel_position(22.5)
     axes.set_title("Spacing of neighbouring turns [mm] by direction")
     axes.spines["polar"].set_visible(False)

@@ -13,10 +13,10 @@ export function fold() {
   for (const link of document.querySelectorAll("nav a")) link.addEventListener("click", () => setTimeout(reveal));
 }
 
-/** Let tables that are wider than their place say that they scroll. */
+/** Let tables and figures that are wider than their place say that they scroll. */
 export function markScrolling() {
   const observer = new ResizeObserver((entries) => {
     for (const { target } of entries) target.classList.toggle("scrolls", target.scrollWidth > target.clientWidth + 1);
   });
-  for (const table of document.querySelectorAll(".table")) observer.observe(table);
+  for (const table of document.querySelectorAll(".table, .figures > figure")) observer.observe(table);
 }

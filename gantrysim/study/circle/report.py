@@ -49,13 +49,28 @@ def circle_answer(study: CircleStudy, rows: Sequence[Row], test: CircularTest, m
     direction = max(judged, key=lambda name: judged[name].use(_SCOPE.aspects))
     worst = judged[direction]
     if worst.keeps(_SCOPE.aspects):
-        return (
-            f"Yes, both directions keep {_SCOPE.words}, with {_SCOPE.usage(worst)}, and nothing needs to change: "
-            f"{result}."
-        )
+        spike = _largest_spike(study, {"clockwise": test.clockwise, "counter-clockwise": test.counter_clockwise})
+        return f"Yes, both directions keep {_SCOPE.words}, with {_SCOPE.usage(worst)}: {result}{spike}."
     return (
         f"No, run {direction} it is at {_SCOPE.excess(worst)}: {result}; {_source(test, motors)}, and "
         f"{improve_command(study.job)} tries the levers."
+    )
+
+
+def _largest_spike(study: CircleStudy, traces: dict[str, Trace]) -> str:
+    """Return the largest spike at a reversal and what acts on it: a clause, or empty where no axis reverses."""
+    spikes = [
+        (UM * abs(reversal.spike), AXES[reversal.axis], reversal.angle, name)
+        for name, trace in traces.items()
+        for reversal in trace.reversals(study.reach)
+    ]
+    if not spikes:
+        return ""
+    size, axis, angle, name = max(spikes)
+    laws = improve_command(study.job).replace("improve", "study laws")
+    return (
+        f"; the largest spike at a reversal is {size:.1f} µm, of {axis} at {angle:g} deg {name}: a compensation of "
+        f"friction acts on it, and {laws} compares the laws"
     )
 
 

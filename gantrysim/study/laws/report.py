@@ -46,8 +46,8 @@ def laws_answer(study: LawsStudy, nominal: dict[str, Row]) -> str:
     judged = judged_laws(study, nominal)
     if not judged:
         return "No law has a run that was judged by the job's tolerance, so none is recommended."
-    scope = Scope.of(judged.values())
-    sufficient = [law for law, acceptance in judged.items() if acceptance.keeps(scope.aspects)]
+    scope = _scope(study, judged)
+    sufficient = [law for law, acceptance in judged.items() if scope.keeps(acceptance)]
     if not sufficient:
         return _none(study, judged, scope)
     law = sufficient[0]
@@ -62,6 +62,11 @@ def laws_answer(study: LawsStudy, nominal: dict[str, Row]) -> str:
         )
     verb = "Keep" if present == law else "Set"
     return f"{verb} {_change(study, law)}: {law} is {cheapest}{remark}."
+
+
+def _scope(study: LawsStudy, judged: dict[str, Acceptance]) -> Scope:
+    """Return the limits by which laws are compared; glue that fails with all is no worse than with the job's own."""
+    return Scope.of(judged.values(), judged.get(_present(study)))
 
 
 def judged_laws(study: LawsStudy, nominal: dict[str, Row]) -> dict[str, Acceptance]:
@@ -137,9 +142,8 @@ _LEFT_OUT = (
 def report(study: LawsStudy, rows: Sequence[Row]) -> Report:
     """Return the law to choose, the gain of each law over PD, and the laws that do not pay."""
     nominal = chosen(rows, NOMINAL)
-    if _PD not in nominal:
-        failed = next(row for row in rows if row["law"] == _PD)
-        return Report(QUESTION, f"Not known: PD has no values to compare with: {failed['status']}.")
+    if not nominal:
+        return Report(QUESTION, f"Not known: no law has a run with values: {rows[0]['status']}.")
     chart = _chart(study, nominal)
     missing = [f"{row['law']}, {row['variation']}: {row['status']}" for row in rows if row["status"] != OK]
     details = Details(
@@ -153,8 +157,11 @@ def report(study: LawsStudy, rows: Sequence[Row]) -> Report:
 def _best(nominal: dict[str, Row]) -> str:
     best = min(nominal, key=lambda law: _value(nominal[law], "following_rms_um"))
     least = _value(nominal[best], "following_rms_um")
+    text = f"Law {best} tracks best: {least:.3g} µm rms"
+    if _PD not in nominal:
+        return f"{text}; PD, to compare with, has no run with values."
     of_pd = _value(nominal[_PD], "following_rms_um")
-    return f"Law {best} tracks best: {least:.3g} µm rms, {of_pd / least:.3g} times better than PD at {of_pd:.3g} µm."
+    return f"{text}, {of_pd / least:.3g} times better than PD at {of_pd:.3g} µm."
 
 
 def _chart(study: LawsStudy, nominal: dict[str, Row]) -> Plot | None:
@@ -233,7 +240,7 @@ def _without(law: str) -> str:
 
 def _table(study: LawsStudy, nominal: dict[str, Row]) -> Table:
     judged = judged_laws(study, nominal)
-    scope = Scope.of(judged.values())
+    scope = _scope(study, judged)
     columns: list[str | Column] = [
         "law",
         Column(FOLLOWING_TOGETHER.head, ".3g"),
@@ -242,14 +249,14 @@ def _table(study: LawsStudy, nominal: dict[str, Row]) -> Table:
         Column(f"closest limit [{LIMIT_USE.unit}]", LIMIT_USE.form),
         "fails",
     ]
-    pd = _value(nominal[_PD], "following_rms_um")
+    pd = _value(nominal.get(_PD, {}), "following_rms_um")
     cells = []
     for law, row in nominal.items():
         following = _value(row, "following_rms_um")
         others = [None if row[quantity.key] is None else _value(row, quantity.key) for quantity, _ in _SHOWN_VALUES]
         failed = ", ".join(aspect for aspect in ASPECTS if row.get(state_column(aspect)) == FAIL)
         use = None if law not in judged else judged[law].use(scope.aspects)
-        cells.append([law, following, pd / following, *others, use, failed or "–"])
+        cells.append([law, following, None if _PD not in nominal else pd / following, *others, use, failed or "–"])
     caption = f"{_CAPTION} Closest limit: largest use of {scope.words}."
     return Table(columns, cells, caption=caption)
 

@@ -74,7 +74,7 @@ class SweepVerdicts:
     @property
     def kept(self) -> list[float]:
         """The values that keep the limits, ascending."""
-        return [value for value, verdict in self.judged.items() if verdict.keeps(self.scope.aspects)]
+        return [value for value, verdict in self.judged.items() if self.scope.keeps(verdict)]
 
     @property
     def judged(self) -> dict[float, Acceptance]:
@@ -114,13 +114,15 @@ def main_sweep(study: LoopStudy) -> str:
     return "servo_period" if study.theory is None else "loop_period"
 
 
-def sweep_verdicts(rows: Sequence[Row]) -> dict[str, SweepVerdicts]:
+def sweep_verdicts(study: LoopStudy, rows: Sequence[Row]) -> dict[str, SweepVerdicts]:
     """Return the verdicts on the unchanged job by sweep, for the sweeps with a run that was judged."""
     by_sweep: dict[str, dict[float, Acceptance | None]] = {}
     for row in rows:
         if row["variant"] == AS_IT_IS and row["sweep"] in LEVERS:
             by_sweep.setdefault(str(row["sweep"]), {})[float(row["value"])] = Acceptance.of(row)  # type: ignore[arg-type]
-    scope = Scope.of(verdict for verdicts in by_sweep.values() for verdict in verdicts.values())
+    verdicts = [verdict for sweep in by_sweep.values() for verdict in sweep.values()]
+    present = {sweep: by_sweep[sweep].get(value) for sweep in by_sweep if (value := _present(study, sweep)) is not None}
+    scope = Scope.of(verdicts, next((verdict for verdict in present.values() if verdict is not None), None))
     return {
         sweep: SweepVerdicts(LEVERS[sweep], dict(sorted(by_sweep[sweep].items())), scope)
         for sweep in LEVERS
@@ -136,7 +138,7 @@ def loop_answer(study: LoopStudy, rows: Sequence[Row], knees: dict[str, str]) ->
         rows: of all cases.
         knees: of the contour error, by sweep and variant in words.
     """
-    sweeps = sweep_verdicts(rows)
+    sweeps = sweep_verdicts(study, rows)
     main = main_sweep(study)
     clauses = [_main(study, sweeps, main)] if main in sweeps else ["Too few cases were judged by the job's tolerance"]
     clauses += [
@@ -272,7 +274,7 @@ def report(study: LoopStudy, rows: Sequence[Row]) -> Report:
         question(study),
         loop_answer(study, rows, knees),
         chart,
-        answer_table(study, sweep_verdicts(rows), knees),
+        answer_table(study, sweep_verdicts(study, rows), knees),
         Details(_notes(study, rows), tables, [plot for plot in drawn if plot is not chart]),
     )
 

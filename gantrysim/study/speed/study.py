@@ -155,7 +155,7 @@ class SpeedStudy(ToleranceStudy):
 
     The flow changes with the speed, so that the section of the bead stays. By the limits of the job, the fastest speed
     without a warning is searched for as well: the whole tolerance counts if a run of the sweep keeps it, otherwise
-    the limits of the motion.
+    the limits of the motion, with glue that is no worse than at the program's own speed.
 
     A metric need not increase with speed. The result is therefore the fastest speed up to which every speed tried is
     within the tolerance. A run that is refused or ends in a fault is out of tolerance.
@@ -204,8 +204,8 @@ class SpeedStudy(ToleranceStudy):
         """Return the criterion by which the rows are compared."""
         if not isinstance(self.criterion, JobCriterion):
             return self.criterion
-        sweep = (Acceptance.of(row) for row in rows if _round_of(row) == 1)
-        return JobCriterion(scope=Scope.of(sweep))
+        sweep = {speed_of(row): Acceptance.of(row) for row in rows if _round_of(row) == 1}
+        return JobCriterion(scope=Scope.of(sweep.values(), sweep.get(self.programmed_speed)))
 
     def grades(self, rows: Sequence[Row]) -> dict[float, Grade]:
         """Return how well each speed of the rows [mm/s] keeps the limits."""

@@ -61,19 +61,23 @@ def test_a_step_has_a_first_order_response_with_one_time_constant_per_direction(
 
 
 @settings(deadline=None)
-@given(dead_time=durations, opening=durations, closing=durations, start_lead=st.floats(0.0, 0.02), stop_lead=durations)
-def test_start_and_stop_errors_follow_from_lags_and_leads(dead_time, opening, closing, start_lead, stop_lead):
-    """Late by v (dead_time + opening - start_lead), long by v (dead_time + closing - stop_lead)."""
-    on = command(on=800, after=800)
-    dispenser = Dispenser(
-        FLOW, dead_time=dead_time, opening=opening, closing=closing, start_lead=start_lead, stop_lead=stop_lead
+@given(
+    st.fixed_dictionaries(
+        dict.fromkeys(("dead_time", "opening", "closing", "start_lead", "stop_lead"), durations),
+        optional={"closing_dead_time": durations},
     )
+)
+def test_start_and_stop_errors_follow_from_lags_and_leads(times):
+    """Late by v (dead_time + opening - start_lead), long by v (closing_dead_time + closing - stop_lead)."""
+    on = command(on=800, after=800)
+    dispenser = Dispenser(FLOW, **times)
     laid = flows(dispenser, on) * PERIOD
     middle = 420
     late = (FLOW * PERIOD * on[:middle].sum() - laid[:middle].sum()) / (FLOW / SPEED)
-    assert late == pytest.approx(SPEED * (dead_time + opening - start_lead), abs=1e-6)
+    assert late == pytest.approx(SPEED * (times["dead_time"] + times["opening"] - times["start_lead"]), abs=1e-6)
     surplus = (laid[middle:].sum() - FLOW * PERIOD * on[middle:].sum()) / (FLOW / SPEED)
-    assert surplus == pytest.approx(SPEED * (dead_time + closing - stop_lead), abs=1e-6)
+    closing_dead_time = times.get("closing_dead_time", times["dead_time"])
+    assert surplus == pytest.approx(SPEED * (closing_dead_time + times["closing"] - times["stop_lead"]), abs=1e-6)
 
 
 @settings(deadline=None)

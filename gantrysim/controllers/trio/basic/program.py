@@ -76,8 +76,11 @@ def notes_of(state: State, stop_after: float, outputs: tuple[int, str], stated: 
             "point of the flow, with dispenser.per_output"
         )
     if valve not in state.switched:
+        others = ", ".join(f"OP({output})" for output in sorted(state.switched))
+        remedy = f"; {others} are, and --set program.valve={min(state.switched)} makes one the valve" if others else ""
         notes.append(
-            f"OP({valve}) is never switched: the dispenser is on while the axes move, but not straight up or down"
+            f"OP({valve}) is never switched: the dispenser is on while the axes move, but not straight up or "
+            f"down{remedy}"
         )
     if not stated:
         notes.append("the moves alone do not state the axes' path: the commanded trace is the requested path")
