@@ -368,3 +368,12 @@ def test_the_answer_and_what_decides_fit_on_one_screen(gantrysim_command, compar
     assert len(whole.splitlines()) > 30
     assert "worth of causes" in whole or not any(run.results.causes for run in comparison.runs)
     assert all(set(value.known.quantity.split()) <= set(whole.split()) for value in comparison.checks)
+
+
+def test_the_overlay_begins_where_the_first_run_is_worst_by_its_verdict(comparison):
+    overlay = OverlayData(comparison)
+    verdict = comparison.verdicts[0]
+    assert verdict.worst_row is not None
+    row = overlay.content()["worst"]
+    _, (first, _) = overlay.columns()
+    assert first["time"][row] == pytest.approx(verdict.worst_place.time, abs=2 * PERIODS[0])
