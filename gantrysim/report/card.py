@@ -43,10 +43,11 @@ def draw_card(figure: Figure, results: RunResults, answer: Answer) -> None:
     text = _Column(figure, WIDTH * _PICTURE + 10, WIDTH - _EDGE)
     text.add(f"{results.job.name} on {results.machine.name}", 12, _SOFT, after=20)
     text.shape(answer.state, 30)
-    text.add(answer.headline[2:], 24, colour, weight="bold", lines=2, indent=46, after=14)
+    text.add(answer.title, 24, colour, weight="bold", lines=2, indent=46, after=14)
     for row in answer.rows:
         text.shape(row.state, 13)
-        text.add(f"{row.name}: {row.text}", 12, INK, lines=2, indent=26, after=5)
+        where = f", {row.place}" if row.place and row.state != PASS else ""
+        text.add(f"{row.name}: {row.text}{where}", 12, INK, lines=2, indent=26, after=5)
     for title, content, lines in _parts(answer):
         text.space(9)
         text.add(title, 10.5, _SOFT, after=2)

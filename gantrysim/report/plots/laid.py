@@ -112,7 +112,7 @@ def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float
         cmap=colour_map(scale),
         clim=(0, 1),
         edgecolors="face",
-        linewidths=0.3,
+        linewidths=0.8,
         zorder=2,
         rasterized=True,
     )
