@@ -64,9 +64,9 @@ def draw_coloured_plan(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
     pieces = np.stack([trace[:-1], trace[1:]], axis=1)
     # not across moves with the dispenser off
     joined = np.diff(ticks) <= step
-    # without a job there is no tolerance
-    scale = MAGNITUDE if run.job is None else SHARE
-    unit = float(distance.max()) or 1.0 if run.job is None else run.job.limits(run.face).path_max
+    # without a job or a rig there is no tolerance
+    scale = MAGNITUDE if run.basis is None else SHARE
+    unit = float(distance.max()) or 1.0 if run.basis is None else run.basis.limits(run.face).path_max
     coloured = LineCollection(list(pieces[joined]), cmap=colour_map(scale), linewidths=2.4)
     coloured.set_array(scale.places(np.maximum(distance[shown[:-1]], distance[shown[1:]])[joined] / unit))
     coloured.set_clim(0, 1)
