@@ -5,16 +5,12 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from gantrysim.report.headline import cause_sentences, glue_sentences, headline
 from gantrysim.results.checks import PASS
 from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import GLUE, PATH
-
-if TYPE_CHECKING:
-    from gantrysim.report.document import Section
 
 
 @dataclass(frozen=True)
@@ -36,19 +32,6 @@ class Remedy:
     options: tuple[str, ...] = ()
     sentence: str = ""
     values: str = ""
-
-
-@dataclass(frozen=True)
-class Changes:
-    """What a search for changes in a job has found.
-
-    Attributes:
-        remedy: in short, for the first screen.
-        section: in full.
-    """
-
-    remedy: Remedy
-    section: Section
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ import pytest
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.report.answer import Answer, Changes, Remedy
+from gantrysim.report.answer import Answer, Remedy
 from gantrysim.report.card import HEIGHT, WIDTH, save_card
-from gantrysim.report.document import Section
+from gantrysim.report.document import Changes, Section
 from gantrysim.report.page import run_page
 from gantrysim.results.run_results import RunResults
 
