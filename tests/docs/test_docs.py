@@ -22,7 +22,18 @@ from gantrysim.glue.bead import Bead
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.losses import Losses
 
-from support.doc_pages import DOCS, ROOT, SHOWN, SHOWN_LEAST, assert_printed, blocks, blocks_of, read_pages, run_in_turn
+from support.doc_pages import (
+    DOCS,
+    ROOT,
+    SHOWN,
+    SHOWN_LEAST,
+    TASKS,
+    assert_printed,
+    blocks,
+    blocks_of,
+    read_pages,
+    run_in_turn,
+)
 from support.jobs import job_run
 
 PAGES = read_pages()
@@ -58,11 +69,16 @@ def shortened(code):
     return code
 
 
-# those of start and how-to run in test_pages_run.py, with the commands between them
+# those of start and of tasks run in test_pages_run.py, with the commands between them
+SHOWN_IN_TASKS = {block.text for task in TASKS.values() for block in blocks_of(task)}
 EXAMPLES = {
-    name: [block for block in blocks_of(page) if block.language == "python" and not block.title]
+    name: [
+        block
+        for block in blocks_of(page)
+        if block.language == "python" and not block.title and block.text not in SHOWN_IN_TASKS
+    ]
     for name, page in PAGES.items()
-    if not name.startswith(("start/", "how-to/"))
+    if not name.startswith("start/")
 }
 
 
