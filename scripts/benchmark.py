@@ -52,7 +52,7 @@ from gantrysim.study.tuning.study import TuningStudy
 
 SIDE_BY_SIDE = 64  # simulations or environments at once
 DECISIONS = 20  # in every environment, at a time
-FILM = (800, 600)  # as gantrysim run writes it
+FILM = (960, 540)  # as gantrysim run writes it
 RATE = 25  # of its pictures [1/s]
 FRAMES = 4  # at a time
 SWING = 400  # steps with one direction of the torque

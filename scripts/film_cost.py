@@ -20,7 +20,7 @@ from gantrysim import Job
 from gantrysim.render import Film, Take, film, renderer
 
 JOBS = ("an225", "softmc-helical")
-SIZE = (800, 600)  # as gantrysim run writes it [pixels]
+SIZE = (960, 540)  # as gantrysim run writes it [pixels]
 RATE = 25.0  # frames per second
 LENGTH = 3.0  # of the film, so that most of it is the bead from near [s]
 ROUNDS = 5  # of which the fastest counts

@@ -1,7 +1,7 @@
 """Write the tables of docs/machines.md: every key of a machine's table and the motors of the library, from the code."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,17 @@ def rows(model: type[BaseModel]) -> Iterator[str]:
         yield f"| `{name}` | {shown} | {field.description} |"
 
 
+def table(listed: Iterable[str]) -> str:
+    """Return a table of rows of keys."""
+    return "| key | default | meaning |\n| --- | --- | --- |\n" + "\n".join(listed) + "\n"
+
+
+def common(*models: type[BaseModel]) -> list[str]:
+    """Return the rows that tables have alike."""
+    first, *others = (list(rows(model)) for model in models)
+    return [row for row in first if all(row in other for other in others)]
+
+
 def motors() -> Iterator[str]:
     """Yield a row per motor of the library."""
     for name in motor_names():
@@ -66,7 +77,12 @@ def tables() -> str:
     """Return the tables of keys and of the library."""
     text = ""
     for title, model in TABLES:
-        text += f"\n### {title}\n\n| key | default | meaning |\n| --- | --- | --- |\n" + "\n".join(rows(model)) + "\n"
+        if model is Screw:
+            text += f"\n### `[x.drive.transmission]`, of every kind\n\n{table(common(Screw, Belt, Rack))}"
+        own = rows(model)
+        if model in (Screw, Belt, Rack):
+            own = [row for row in own if row not in common(Screw, Belt, Rack)]
+        text += f"\n### {title}\n\n{table(own)}"
     text += (
         "\n### Motors of the library\n\nNo-load speed and stall torque follow from the other values, at the nominal "
         "voltage. Sources of every number: `gantrysim/machine/design/library.toml`. For an ac servo, K and the "

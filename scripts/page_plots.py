@@ -1,4 +1,4 @@
-"""The plots of the pages of start and of sections with a task, each a function that draws one; scripts/pictures.py saves them."""
+"""The plots of the pages of start and of tasks, each a function that draws one; scripts/pictures.py saves them."""
 
 import csv
 import tempfile

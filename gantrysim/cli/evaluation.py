@@ -122,7 +122,7 @@ class Evaluation:
         self._find_causes()
         if self.wanted.repeat is not None and record.fault is None:
             self._find_scatter(self.wanted.repeat)
-        show_cause(headline(self.results))
+        show_cause(answer, headline(self.results))
 
     def show_details(self) -> None:
         """Print every aspect of the run that is known."""

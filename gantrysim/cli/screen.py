@@ -39,9 +39,9 @@ def show_verdict(answer: Answer) -> None:
     show(table)
 
 
-def show_cause(headline: str) -> None:
-    """Print what spoils a run."""
-    _show_rows([("cause", headline)])
+def show_cause(answer: Answer, headline: str) -> None:
+    """Print what spoils a run, or its error where nothing does."""
+    _show_rows([("error" if answer.state == PASS else "cause", headline)])
 
 
 def show_change(changes: Mapping[str, Any], folder: str) -> None:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gantrysim.base.errors import InputError, expanded, unknown
-from gantrysim.cli.screen import option_lines, show_cause, show_change, show_verdict
 from gantrysim.cli.terminal import fits, is_prose_column, say, show, text_table
 
 if TYPE_CHECKING:
@@ -36,6 +35,7 @@ def show_run(
 
     Exit status: 0, 2 for bad input.
     """
+    from gantrysim.cli.screen import show_cause, show_change, show_verdict
     from gantrysim.report.answer import Answer
     from gantrysim.report.folder import REPORT, SUMMARY
     from gantrysim.report.saved import SavedRun
@@ -57,8 +57,9 @@ def show_run(
         return
     results = _results(saved)
     if not names:
-        show_verdict(Answer.of(results))
-        show_cause(summary["headline"])
+        answer = Answer.of(results)
+        show_verdict(answer)
+        show_cause(answer, summary["headline"])
         if summary["changes"] is not None:
             show_change(summary["changes"], str(run))
         if (expanded(run) / REPORT).is_file():
@@ -152,6 +153,8 @@ _OF_RECORD: dict[str, Callable[[RunResults], None]] = {
 
 def show_section(section: Mapping[str, Any]) -> None:
     """Print a section of a page, see `gantrysim.report.document.Section.content`."""
+    from gantrysim.cli.screen import option_lines
+
     say(section["title"])
     for paragraph in section["text"]:
         say(paragraph, wrap=True)

@@ -54,6 +54,7 @@ _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(7), *range(14, 32), *ran
 
 _WIDEST = 10_000  # characters of a table
 _LONGEST_CELL = 16  # characters of a cell of a table that does not wrap
+_WIDEST_HEAD = 10  # characters of a line of a head, but for longer words
 # stands for a space at which no line ends: a letter of the user's own, as rich breaks lines at no-break spaces too
 _JOINT = "\ue000"
 _UNITS = "µm|mm/s²|mm/s|mm²|mm³|mm|ms|µs|s|Hz|kHz|deg|%|N·m|rms|kB|MB"
@@ -93,7 +94,7 @@ def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Seq
         justify: Literal["left", "right"] = "right" if is_number else "left"
         # a head stands above its unit
         parts = head.replace(" [", "\n[").split("\n")
-        lines = [line for part in parts for line in wrapped_lines(part, _LONGEST_CELL, break_long_words=False)]
+        lines = [line for part in parts for line in wrapped_lines(part, _WIDEST_HEAD, break_long_words=False)]
         table.add_column(escape("\n".join(lines)), justify=justify, no_wrap=not is_prose)
     for row in rows:
         table.add_row(*(escape(joined(cell)) for cell in row))

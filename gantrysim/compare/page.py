@@ -26,7 +26,7 @@ from gantrysim.compare.comparison import NOTHING, Comparison
 from gantrysim.compare.over_time import FOLLOWING, TORQUE, AxisDifference
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES, PART_SIZES
-from gantrysim.report.document import Column, Section, Table
+from gantrysim.report.document import Column, Section, Table, lead_of
 from gantrysim.report.drawn_page import write_page
 from gantrysim.report.plots.style import COLOURS, UM, axes_on, sheet, thinned_line
 from gantrysim.report.sections import drawn_plot
@@ -136,13 +136,15 @@ def write_comparison_page(
 
 
 def _sections(comparison: Comparison, circle: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Section]:
-    yield Section("Summary", headline(comparison), facts=_facts(comparison))
+    text = headline(comparison)
+    height = 2.2 * (len(comparison.parts) + 2)
+    yield Section("Summary", lead_of(text), figure=drawn_plot(draw_overlay, comparison, _PLOT_WIDTH, height))
+    yield Section("In full", text, facts=_facts(comparison))
     yield Section(
         "Error budgets",
         "Errors are normal to the requested path; the contour error is that of the last link measured. Links that are "
         "not measured are not compared. The difference is that of the errors at the same instant, not of the two "
         "numbers beside it.",
-        figure=drawn_plot(draw_overlay, comparison, _PLOT_WIDTH, 2.2 * (len(comparison.parts) + 2)),
         table=_budgets(comparison),
     )
     yield Section(

@@ -12,8 +12,8 @@ from gantrysim.identify.checks.residual import CLIPPED, COUNTS, RESIDUAL, SMOOTH
 from gantrysim.identify.checks.sampling import CHECK as SAMPLING
 from gantrysim.identify.identification import Identification, IdentifiedValue, friction_words, verdict
 from gantrysim.identify.log import Log
-from gantrysim.identify.plots import draw_course, draw_friction, draw_moves_response, draw_residuals
-from gantrysim.identify.result import EDGE, LABELS, MODE, AxisFit
+from gantrysim.identify.plots import draw_course, draw_friction, draw_moves_response, draw_residuals, draw_values
+from gantrysim.identify.result import EDGE, KNOWN, LABELS, MODE, AxisFit
 from gantrysim.identify.sizes import share_words
 from gantrysim.identify.whole_run import WholeRun
 from gantrysim.report.document import Column, Section, Table
@@ -24,6 +24,7 @@ from gantrysim.tables.units import TORQUE
 
 REPORT = "report.html"
 _WIDTH = 10.7  # of a plot across the page [inch]
+_ROW = 0.3  # height of a value in the plot of all
 _FACTS = ("inertia", "viscous", "coulomb", "offset")  # shown large where they are identified
 
 # What another log must have, by the check that forbids a value, and by value where its interval is too wide.
@@ -79,11 +80,20 @@ def _sections(identification: Identification, log: Log, runs: Sequence[WholeRun]
     fits = identification.fits
     judgements = identification.judgements
     values = identification.values
-    yield Section("Summary", _headlines(identification), facts=list(_facts(values, runs)))
+    known = sum(value.identified for value in values)
+    yield Section(
+        "Summary",
+        f"{known} of {len(values)} values are identified: half their 95 % interval is within {KNOWN:.0%} of the value.",
+        figure=drawn_plot(draw_values, values, _WIDTH, 1.2 + _ROW * len(values)),
+        facts=list(_facts(values, runs)),
+    )
     yield Section(
         "Identified values",
-        "Inertia, viscous friction, stiffness and damping are those of the axis, other torques those at the motor "
-        "shaft. The interval holds the value with 95 % confidence.",
+        [
+            *_headlines(identification),
+            "Inertia, viscous friction, stiffness and damping are those of the axis, other torques those at the motor "
+            "shaft. The interval holds the value with 95 % confidence.",
+        ],
         table=_values(identification),
     )
     yield _not_identified(identification, values)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,16 +11,16 @@ import numpy as np
 from scipy.signal import csd, welch
 
 from gantrysim.base.arrays import Floats
-from gantrysim.identify.identification import spectrum
+from gantrysim.identify.identification import IdentifiedValue, spectrum
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import Starts, gradient, longest_piece, smoothed
-from gantrysim.identify.result import AxisFit
+from gantrysim.identify.result import KNOWN, LABELS, AxisFit
 from gantrysim.identify.torque_regression import WIDTH, TorqueRegression
 from gantrysim.identify.whiteness import correlation
 from gantrysim.report.plots.pictures import PAGE_COLUMNS
 from gantrysim.report.plots.style import COLOURS, UM, axes_on, sheet, thinned_line
-from gantrysim.results.colours import AXES, INK
+from gantrysim.results.colours import AXES, GOOD, INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,12 +32,36 @@ _DIFFERENCED = 0.42  # of the sampling rate, below which two central differences
 _SPEEDS = 100
 _ONE_WAY = 0.999  # low-passed direction of a motion that does not reverse nearby
 _POINTS = 500  # of the log in a plot of the friction, by direction
+_SHOWN_SHARES = (0, 300)  # of the machine's values; beyond them, a value is in the table [%]
 _HEIGHT = 2.9  # of a row [inch]
 
 
 def _rows(fits: tuple[AxisFit, ...], columns: int) -> tuple[Figure, list[list[Axes]]]:
     with sheet(10.0, 0.6 + _HEIGHT * len(fits)) as drawing:
         return drawing, drawing.subplots(len(fits), columns, squeeze=False).tolist()
+
+
+def draw_values(on: Figure | SubFigure | Axes, values: Sequence[IdentifiedValue]) -> Axes:
+    """Draw fitted values with their intervals over those of the machine as it is described; return the axes.
+
+    A bar shows the interval that would be narrow enough; values that are not identified are hollow.
+    """
+    axes = axes_on(on)
+    axes.axvline(100, color=INK, lw=1.2, ls=":", label="machine as described")
+    for row, value in enumerate(values):
+        if not value.nominal:
+            continue
+        place, low, high = (100 * number / value.nominal for number in (value.value, value.low, value.high))
+        half = KNOWN * abs(place)
+        axes.barh(row, 2 * half, 0.7, place - half, color=GOOD, alpha=0.35, label="" if row else "narrow enough")
+        axes.plot([low, high], [row, row], color=INK, lw=1.4)
+        axes.plot(place, row, "o", color=INK, mfc=INK if value.identified else "white", ms=5)
+    axes.set_yticks(range(len(values)), [f"{value.axis}: {LABELS.get(value.name, value.name)}" for value in values])
+    axes.set(ylim=(len(values) - 0.4, -0.6), xlim=_SHOWN_SHARES)
+    axes.set_xlabel("fitted value and its 95 % interval [% of the machine's]")
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+    axes.grid(visible=False, axis="y")
+    return axes
 
 
 def draw_residuals(fits: tuple[AxisFit, ...], period: float) -> Figure:

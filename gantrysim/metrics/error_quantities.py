@@ -107,7 +107,7 @@ SPACING = Quantity[Budget](
     "spacing",
     label="turn spacing",
     unit="mm",
-    form=".4f",
+    form=".2f",
     meaning="Distance of neighbouring turns of the nozzle's trace, along the trace's normal",
     path=(*_VALUES, "spacing"),
     statistics=RANGE,
@@ -116,7 +116,7 @@ SPEED = Quantity[Budget](
     "speed",
     label="path speed",
     unit="mm/s",
-    form=".2f",
+    form=".1f",
     meaning="Speed of the nozzle over the work while the dispenser is on",
     path=(*_VALUES, "speed"),
     statistics=RANGE,
@@ -125,7 +125,7 @@ SPEED_RIPPLE = Quantity[Budget](
     "speed_ripple",
     label="speed ripple",
     unit="",
-    form=".4f",
+    form=".3f",
     meaning="Standard deviation of the path speed over its mean, in the middle 90 % of the dispensing time",
     path=("analysis", "speed_ripple"),
 )
@@ -142,7 +142,7 @@ PATH_LENGTH = Quantity[Budget](
     "path_length",
     label="path length",
     unit="mm",
-    form=".3f",
+    form=".1f",
     meaning="Length of the commanded path while the dispenser is on",
     path=(*_VALUES, "path_length"),
 )
@@ -150,7 +150,7 @@ DURATION = Quantity[Budget](
     "duration",
     label="duration",
     unit="s",
-    form=".3f",
+    form=".2f",
     meaning="Time from the start of the run to the end of the commanded motion",
     path=(*_VALUES, "duration"),
 )
@@ -159,7 +159,7 @@ END_POINT = tuple(
         f"end_{coordinate}",
         label=f"end point {coordinate}",
         unit="mm",
-        form=".4f",
+        form=".3f",
         meaning=f"Coordinate {coordinate} of the nozzle in the work frame at the end of the run",
         path=(*_VALUES, "end_point", Item(k)),
     )

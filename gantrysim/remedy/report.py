@@ -7,7 +7,14 @@ from pathlib import Path
 
 from gantrysim.base.errors import InputError
 from gantrysim.compare.runs.differences import check_changes
-from gantrysim.compare.runs.runs_page import RunComparison, checks_table, compare_runs, run_sections, write_sections
+from gantrysim.compare.runs.runs_page import (
+    RunComparison,
+    checks_table,
+    compare_runs,
+    limits_figure,
+    run_sections,
+    write_sections,
+)
 from gantrysim.job.job import Job
 from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.improve import improve, worst_rows
@@ -15,7 +22,7 @@ from gantrysim.remedy.improvement import USAGE, Improvement, names_of, options
 from gantrysim.remedy.lever import FREE
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.report.answer import Changes, Remedy
-from gantrysim.report.document import Section, Table
+from gantrysim.report.document import Section, Table, lead_of
 from gantrysim.results.checks import PASS
 from gantrysim.results.verdict import Verdict
 
@@ -133,7 +140,8 @@ def write_improvement(improvement: Improvement, folder: Path) -> Path:
 
 def _sections(improvement: Improvement, comparison: RunComparison) -> Iterator[Section]:
     """Yield the sections of a comparison with what to change after the answer."""
-    first, *others = run_sections(comparison)
-    yield first
+    lead = _caption(lead_of(improvement.sentence))
+    yield Section("Summary", lead, figure=limits_figure(comparison))
     yield change_section(improvement)
+    _, *others = run_sections(comparison)
     yield from others

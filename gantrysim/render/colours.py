@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.glue.bead.trace import BeadSettings, BeadTrace
+from gantrysim.job.basis import limits_of
 from gantrysim.job.tolerance import Tolerance
 from gantrysim.record.run import Run
 from gantrysim.results.colours import MAGNITUDE, SHARE, WIDTH, ColourScale
@@ -100,8 +101,8 @@ def scale_for(
     """Return one colour scale for the beads of several runs, or None for plain beads.
 
     Its tolerance and nominal width are those of the first run. The contour error is coloured up to ten tolerances, the
-    width up to three on either side of the nominal one. Without a job there is no tolerance of the path: the scale ends
-    at the 99.5th percentile.
+    width up to three on either side of the nominal one. A record alone has no tolerance of the path: the scale then
+    ends at the 99.5th percentile.
 
     Args:
         colour: "width", "error" or "plain".
@@ -121,11 +122,12 @@ def scale_for(
     first = runs[0]
     nominal = float(traces[0].nominal_section.width[0]) or float(np.median(values)) or 1.0  # or no glue
     if colour == BY_WIDTH:
-        share = Tolerance.bead_width if first.job is None else first.job.limits(first.face, nominal).bead_width
+        share = (limits_of(first, nominal) or Tolerance).bead_width
         reach = WIDTH.high * share / 100 * nominal
         return _scale("bead width", "mm", (nominal - reach, nominal + reach), values, WIDTH)
-    if first.job is not None:
-        largest = SHARE.high * _UM * first.job.limits(first.face).path_max
+    limits = limits_of(first)
+    if limits is not None:
+        largest = SHARE.high * _UM * limits.path_max
         return _scale("contour error", "µm", (0.0, largest), values, SHARE)
     largest = float(np.percentile(values, _ERROR_PERCENTILE))
     return _scale("contour error", "µm", (0.0, _rounded_up(max(largest, _LEAST_ERROR))), values, MAGNITUDE)
@@ -152,8 +154,10 @@ def chosen_colour(colour: str | None, runs: Sequence[Run], verdicts: Sequence[Ve
     """
     if colour not in (None, VERDICT):
         return colour
-    if colour == VERDICT and any(run.job is None for run in runs):
-        raise InputError("colour verdict: the run has no job, which gives the tolerances: use error or width")
+    if colour == VERDICT and any(limits_of(run) is None for run in runs):
+        raise InputError(
+            "colour verdict: the record has neither job nor rig, which give the tolerances: use error or width"
+        )
     known = [run.known_verdict for run in runs] if verdicts is None else verdicts
     rows = [verdict[verdict.shown_row] for verdict in known if verdict is not None and verdict.rows]
     worst = max(rows, key=lambda row: row.severity, default=None)

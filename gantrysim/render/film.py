@@ -206,9 +206,9 @@ class Film(Closing):
             return None
         return renderer.pixel_of(place.point)
 
-    def end_card(self) -> Picture:
-        """Return what the film ends with, for a second: the verdicts on its runs, (height, width, 3)."""
-        return end_card(self.frame(self.end), self._runs, self._labels, self._verdicts)
+    def end_card(self, speed: float | None = None) -> Picture:
+        """Return what the film ends with for a second: the verdicts on its runs, (height, width, 3); speed as above."""
+        return end_card(self.frame(self.end, speed), self._runs, self._labels, self._verdicts)
 
     def _flight_share(self, time: float, speed: float | None) -> float:
         """Return the share of the flight to the bead at a time of the run, 0 to 1; a single picture shows the bead.
@@ -267,7 +267,7 @@ class Film(Closing):
         def samples() -> list[Picture]:  # first, middle and last
             return [*(self.frame(times[k * (len(times) - 1) // 2], speed) for k in range(3)), card]
 
-        card = self.end_card()
+        card = self.end_card(speed)
         card_frames = max(round(SECONDS * rate), 1)
         with film_writer(target, rate, self.size, samples) as append:
             for count, time in enumerate(times, 1):

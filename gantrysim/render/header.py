@@ -62,10 +62,10 @@ def differences(jobs: Sequence[Job]) -> list[str] | None:
         return None
     short_keys = [key.rpartition(".")[2] for key in shown]
     names = [short if short_keys.count(short) == 1 else key for short, key in zip(short_keys, shown, strict=True)]
-    more = len(differing) - len(shown)
-    rest = [f"{more} more"] if more else []
+    others = len(differing) - len(shown)
+    remark = [f"{others} more"] if others else []
     rows = zip(*(texts[key] for key in shown), strict=True)
-    return [", ".join([*(f"{name} = {text}" for name, text in zip(names, row, strict=True)), *rest]) for row in rows]
+    return [", ".join([*(f"{name} = {text}" for name, text in zip(names, row, strict=True)), *remark]) for row in rows]
 
 
 def _flat(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -210,10 +210,10 @@ class Caption:
 
     def __init__(self, verdict: Verdict | None, width: int, largest: int) -> None:
         self._verdict = _line("" if verdict is None else verdict.headline, font(largest, True), INK, width)
-        check = None if verdict is None else verdict.worst_check
         place = None if verdict is None or verdict.worst_row is None else verdict.worst_place
-        worst = "worst"
-        if check is not None and check.place == place:
+        worst = ""
+        if verdict is not None and place is not None:
+            check = next(check for row in verdict.rows for check in row.checks if check.place == place)
             worst = f"{check.quantity} {number_text(check.value, check.form)} {check.unit}".rstrip()
         self._worst = _line(worst, font(largest), FAULT, int(_MOST_MARK * width))
         self._size = round(_MARK * largest)
@@ -242,11 +242,11 @@ class Caption:
         draw.polygon([*corners, (column + 0.6 * size, row - 1.5 * size)], rgb(FAULT), rgb(PAPER))
         if self._worst is not None:
             rows, columns = self._worst.shape[:2]
-            left = column + 0.8 * size
-            if left + columns > width:
-                left = column - 0.8 * size - columns
+            first = column + 0.8 * size
+            if first + columns > width:
+                first = column - 0.8 * size - columns
             top = min(max(row - 1.6 * size - 0.5 * rows, 0), height - rows)
-            image.paste(Image.fromarray(self._worst), (round(max(left, 0)), round(top)))
+            image.paste(Image.fromarray(self._worst), (round(max(first, 0)), round(top)))
         picture[:] = np.asarray(image)
 
 

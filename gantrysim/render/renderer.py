@@ -112,9 +112,10 @@ class Geoms:
 
 # The needle and the wet bead from near, in the corner of a picture that the bead leaves free.
 
-_SIDE = 0.34  # width and height, relative to the picture's
+_SIDES = (0.34, 0.28, 0.22)  # width and height, relative to the picture's: the largest that hides no bead
 _BELOW = 0.08  # distance from the upper edge, where the verdict stands, relative to the picture's height
 _LEAST_INSET = 120  # width [pixels]: in a smaller picture there is none
+_BESIDE = 0.06  # from its edges to the middle of the bead, relative to half the picture
 _FRAME = 2  # [pixels]
 _SHADE = 230  # grey of the frame, 0 to 255
 # corners in the order of preference: the needle comes from above
@@ -122,23 +123,25 @@ _CORNERS = ((1, -1), (-1, -1), (1, 1), (-1, 1))
 _SEEN = 3.5  # height of what it shows, in widths of the bead
 _LEAST_SEEN = 3.0  # the same [mm]
 _ELEVATION = -24.0  # of its camera [deg]
+_WET = 0.05  # of the largest flow, above which glue comes out
 _NEAR = 0.25  # distance of the clipping plane, relative to the camera's
 
 
 class Inset:
-    """A second view of a scene in a corner of its picture: the nozzle, as large as the bead is legible.
+    """A second view of a scene in a corner of its picture: the nozzle, or the end of the bead that it has left, near.
 
     Args:
         scene: the machine with its bead.
         corner: signs of the corner's place in the picture, to the right and up.
         size: width and height of the picture [pixels].
+        side: width and height, relative to the picture's.
 
     Attributes:
         viewport: place in the picture.
     """
 
-    def __init__(self, scene: Scene, corner: tuple[int, int], size: tuple[int, int]) -> None:
-        width, height = (round(_SIDE * side) for side in size)
+    def __init__(self, scene: Scene, corner: tuple[int, int], size: tuple[int, int], side: float) -> None:
+        width, height = (round(side * pixels) for pixels in size)
         right, up = corner
         column = size[0] - width if right > 0 else 0
         bottom = size[1] - height - round(_BELOW * size[1]) if up > 0 else 0
@@ -146,26 +149,38 @@ class Inset:
         trace = scene.sweep.bead_trace
         wide = max(float(trace.nominal_section.width[0]) if trace.nominal > 0 else 0.0, trace.run.face)
         self._distance = 0.5e-3 * max(_SEEN * wide, _LEAST_SEEN) / np.tan(np.radians(0.5 * FIELD_OF_VIEW))
-        self._tip = int(scene.model.site(NOZZLE).id)
+        is_wet = trace.run.flow > _WET * trace.run.flow.max()
+        # last tick with glue, up to each; the first one before it
+        self._wet = np.maximum.accumulate(np.where(is_wet, np.arange(is_wet.size), int(is_wet.argmax())))
 
     @classmethod
     def of(cls, scene: Scene, framing: Framing, size: tuple[int, int]) -> Inset | None:
         """Return the inset of a bead's picture, or None without room for it."""
-        if _SIDE * size[0] < _LEAST_INSET:
-            return None
         places = framing.in_picture(size[0] / size[1])
-        # from the middle to the inset's edges
-        free = 1 - 2 * _SIDE
-        covered = [int(np.count_nonzero(np.all(places * corner > free, axis=1))) for corner in _CORNERS]
-        return cls(scene, _CORNERS[int(np.argmin(covered))], size)
+        fitting = [side for side in _SIDES if side * size[0] >= _LEAST_INSET]
+
+        def covered_share(side: float, corner: tuple[int, int]) -> float:
+            # from the middle of the picture to the inset's edges, and to the bead beside them
+            aside = 1 - 2 * side - _BESIDE
+            edges = (aside, aside - 2 * _BELOW * (corner[1] > 0))
+            return float(np.all(places * corner > edges, axis=1).mean())
+
+        covered = {(side, corner): covered_share(side, corner) for side in fitting for corner in _CORNERS}
+        if not covered:
+            return None
+        side, corner = min(covered, key=lambda choice: covered[choice])
+        return cls(scene, corner, size, side)
 
     def render(
-        self, scene: Scene, geoms: Geoms, drawn: mujoco.MjvScene, context: mujoco.MjrContext, azimuth: float
+        self, scene: Scene, tick: int, geoms: Geoms, drawn: mujoco.MjvScene, context: mujoco.MjrContext, azimuth: float
     ) -> None:
-        """Draw the inset over the picture in the present buffer, seen from an azimuth [deg], without shadows."""
+        """Draw the inset at a tick over the picture in the present buffer, seen from an azimuth [deg], no shadows."""
         model = scene.model
         view = mujoco.MjvCamera()
-        View(scene.data.site_xpos[self._tip], self._distance, azimuth, _ELEVATION, FIELD_OF_VIEW).set(view, model)
+        work = scene.machine.work
+        point = 1e-3 * scene.run.nozzle[self._wet[tick]]
+        centre = scene.data.xpos[work] + scene.data.xmat[work].reshape(3, 3) @ point
+        View(centre, self._distance, azimuth, _ELEVATION, FIELD_OF_VIEW).set(view, model)
         near = model.vis.map.znear
         try:
             model.vis.map.znear = _NEAR * self._distance / model.stat.extent
@@ -255,6 +270,7 @@ class Renderer(Closing):
         framing = camera if isinstance(camera, Framing) else None
         self._flight = Flight(self.scene, machine, width / height, framing) if is_fitted else None
         if is_fitted:
+            self.scene.make_wet()
             # edges are smoothed afterwards, see `smoothed`
             model.vis.quality.offsamples = 0
             # shadows are seen in views of the whole machine alone
@@ -336,7 +352,8 @@ class Renderer(Closing):
         for light in self._lights:
             offset = self.data.site_xpos[self._tip] - self.data.light_xpos[light]
             self.data.light_xdir[light] = offset / np.linalg.norm(offset)
-        self._aim_gloss()
+        if self._flight is not None:
+            self._aim_gloss()
         self._gl.make_current()
         self._upload(scene.draw_bead())
         width, height = self.size
@@ -349,7 +366,7 @@ class Renderer(Closing):
         mujoco.mjr_render(viewport, self._drawn, self._context)
         inset = self._inset if share == 1 else None
         if inset is not None:
-            inset.render(scene, self._geoms, self._drawn, self._context, self.view.azimuth)
+            inset.render(scene, tick, self._geoms, self._drawn, self._context, self.view.azimuth)
         image = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)
         if self._flight is None:
@@ -365,12 +382,12 @@ class Renderer(Closing):
         work = self.scene.machine.work
         place = data.xpos[work] + data.xmat[work].reshape(3, 3) @ (1e-3 * np.array(point))
         mujoco.mjv_updateCamera(self.model, data, self.view, self._drawn)
-        left, right = self._drawn.camera
-        forward = np.array(left.forward)
-        up = np.array(left.up)
+        eye, other_eye = self._drawn.camera
+        forward = np.array(eye.forward)
+        up = np.array(eye.up)
         # in the middle between the eyes
-        away = place - 0.5 * (np.array(left.pos) + np.array(right.pos))
-        depth = float(away @ forward) * left.frustum_top / left.frustum_near
+        away = place - 0.5 * (np.array(eye.pos) + np.array(other_eye.pos))
+        depth = float(away @ forward) * eye.frustum_top / eye.frustum_near
         if depth <= 0:
             return None
         width, height = self.size

@@ -117,7 +117,7 @@ def mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> Singles:
 
 _BEAD = "gantrysim bead"
 GLOSS = "gantrysim gloss"  # light that the crest of a bead reflects into the camera
-_GLOSS_SPECULAR = 0.6
+_GLOSS_SPECULAR = 0.8
 _PIECE = "gantrysim work piece"
 _GLUE = (0.98, 0.58, 0.10, 1.0)
 _TURNED = (0.45, 0.47, 0.50, 1.0)
@@ -127,7 +127,9 @@ _LIT = 0.3
 _GLOW = (1 - 1.1 * _LIT) / _LIT
 # wet glue reflects lights in small bright spots, whatever its colour
 _WET_SPECULAR = 1.0
-_WET_SHININESS = 0.6
+_WET_SHININESS = 0.3
+_WET_LIT = 0.45
+_WET_GLOW = 0.75 / _WET_LIT - 1.1
 _WETTED = 1.0  # height that a drop climbs up the needle, in radii of the free thread
 _ON_AXIS = 1e-4  # distance of parts in line with the needle [m]
 _HANGS = 3.0  # length that a drop hangs down, in radii of the free thread
@@ -193,6 +195,17 @@ class Scene:
             TooFewRingsError: too few rings for the ends of its stretches.
         """
         self._set_run(run, Sweep(run, self.sweep.bead_trace.settings, self.sweep))
+
+    def make_wet(self) -> None:
+        """Let the bead shine in the light `GLOSS`; a coloured one then shows its scale less exactly."""
+        material = self.model.material(_BEAD).id
+        self.model.mat_specular[material] = _WET_SPECULAR
+        self.model.mat_shininess[material] = _WET_SHININESS
+        if self.scale is not None:
+            # a texture multiplies the specular light too: what is lit to the full would not shine
+            self.model.mat_rgba[material, :3] = _WET_LIT
+            self.model.mat_emission[material] = _WET_GLOW
+        self.model.light_active[self.model.light(GLOSS).id] = 1
 
     def pose(self, tick: int) -> None:
         """Pose the machine at a tick, with the bead laid until then."""
@@ -279,7 +292,7 @@ def _with_bead(
     spec = machine.spec.copy()
     run = sweep.bead_trace.run
     names = add_pieces(spec, _BEAD, pieces, scale is not None)
-    material = spec.add_material(name=_BEAD, rgba=_GLUE, specular=_WET_SPECULAR, shininess=_WET_SHININESS)
+    material = spec.add_material(name=_BEAD, rgba=_GLUE, specular=0.6, shininess=0.7)
     if scale is not None:
         texture = spec.add_texture(name=_BEAD, type=mujoco.mjtTexture.mjTEXTURE_2D, nchannel=3)
         texture.width = len(scale.table)
@@ -288,6 +301,7 @@ def _with_bead(
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _BEAD
         material.rgba = (_LIT, _LIT, _LIT, 1)
         material.emission = _GLOW
+        material.specular = 0.0
     for name in names:
         _add_to_work(spec, name, _BEAD, group=0)
     if machine.needle is not None:
@@ -295,6 +309,7 @@ def _with_bead(
     # it moves with the camera, see `Renderer.frame`
     spec.worldbody.add_light(
         name=GLOSS,
+        active=False,
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         castshadow=False,
         ambient=np.zeros(3),

@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from gantrysim.report.headline import cause_sentences, glue_sentences
+from gantrysim.report.headline import cause_sentences, glue_sentences, headline
 from gantrysim.results.checks import PASS
 from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
@@ -110,6 +110,8 @@ def _spoilt(results: RunResults) -> str:
     row = results.verdict.worst_row
     if results.verdict.unjudged or row is None:
         return ""
+    if results.verdict.disturbances:
+        return headline(results)
     if row.name == PATH and results.causes is not None:
         return " ".join(cause_sentences(results.causes))
     if row.name == GLUE and (sentences := list(glue_sentences(row, results.glue_causes))):

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from gantrysim.base.files import replaced_file
 from gantrysim.report.answer import Answer, written_on
 from gantrysim.report.plots.laid import draw_laid
-from gantrysim.report.plots.style import INK, common_style, sheet
+from gantrysim.report.plots.style import common_style, sheet
 from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN
+from gantrysim.results.colours import INK, SOFT, STATES
 from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:
@@ -20,10 +21,9 @@ HEIGHT = 630
 _DPI = 100
 _PICTURE = 0.5  # of the width, for the bead
 _EDGE = 36  # [pixels]
-_SOFT = "#5b6470"
 _PAPER = "#ffffff"
-# of a verdict's state: the shape's marker and its colour; shape and word stay without colour
-STATES = {PASS: ("o", "#1a7f4b"), WARN: ("^", "#a65f00"), FAIL: ("s", "#b3122d"), UNJUDGED: ("D", "#6b7280")}
+# of the shapes of a verdict's state, which stay without colour
+_MARKERS = {PASS: "o", WARN: "^", FAIL: "s", UNJUDGED: "D"}
 
 
 def save_card(file: Path, results: RunResults, answer: Answer) -> None:
@@ -37,11 +37,11 @@ def save_card(file: Path, results: RunResults, answer: Answer) -> None:
 
 def draw_card(figure: Figure, results: RunResults, answer: Answer) -> None:
     """Draw the card on a figure of its size."""
-    _, colour = STATES[answer.state]
+    colour = STATES[answer.state]
     picture = figure.add_axes((0.02, 0.12, _PICTURE - 0.04, 0.84))
     draw_laid(picture, results, text_size=10)
     text = _Column(figure, WIDTH * _PICTURE + 10, WIDTH - _EDGE)
-    text.add(f"{results.job.name} on {results.machine.name}", 12, _SOFT, after=20)
+    text.add(f"{results.job.name} on {results.machine.name}", 12, SOFT, after=20)
     text.shape(answer.state, 30)
     text.add(answer.headline[2:], 24, colour, weight="bold", lines=2, indent=46, after=14)
     for row in answer.rows:
@@ -49,10 +49,10 @@ def draw_card(figure: Figure, results: RunResults, answer: Answer) -> None:
         text.add(f"{row.name}: {row.text}", 12, INK, lines=2, indent=26, after=5)
     for title, content, lines in _parts(answer):
         text.space(9)
-        text.add(title, 10.5, _SOFT, after=2)
+        text.add(title, 10.5, SOFT, after=2)
         text.add(content, 13, INK, lines=lines)
     place = ((WIDTH - _EDGE) / WIDTH, 20 / HEIGHT)
-    figure.text(*place, f"gantrysim  ·  {written_on()}", fontsize=10, color=_SOFT, ha="right", va="bottom")
+    figure.text(*place, f"gantrysim  ·  {written_on()}", fontsize=10, color=SOFT, ha="right", va="bottom")
     figure.add_artist(_bar(colour))
 
 
@@ -89,7 +89,8 @@ class _Column:
 
     def shape(self, state: str, size: float) -> None:
         """Draw the shape of a state before the line that follows."""
-        marker, colour = STATES[state]
+        marker = _MARKERS[state]
+        colour = STATES[state]
         x = (self._left + 0.5 * size) / WIDTH
         y = (self._y + 0.32 * size) / HEIGHT
         from matplotlib.lines import Line2D

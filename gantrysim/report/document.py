@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral
@@ -11,6 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import Quantity, number_text
 from gantrysim.results.colours import INK
+
+LEAD = 30  # words of the sentence with which a page begins
+_LEAST_LEAD = 8  # words; a shorter clause is taken with what follows it
+_SENTENCE_END = re.compile(r"(?<=[.!?])\s+(?=[A-Z])")
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -144,6 +149,26 @@ class Section:
         """Whether the section is nothing but a video, and that does not exist."""
         missing = self.video is not None and not self.video.exists()
         return missing and self.viewer is None and self.figure is None
+
+
+def lead_of(text: str) -> str:
+    """Return the sentence with which a page begins, of `LEAD` words at most: the first of a text, or its first clauses.
+
+    A text that has no such clause is returned whole.
+    """
+    sentence = _SENTENCE_END.split(text.strip(), maxsplit=1)[0]
+    if len(sentence.split()) <= LEAD:
+        return sentence
+    depth = 0
+    ends: dict[str, int] = {}
+    for k, letter in enumerate(sentence):
+        if letter in ";:," and sentence[k + 1 : k + 2] == " " and not depth and len(sentence[:k].split()) <= LEAD:
+            ends["clause" if letter in ";:" else "part"] = k
+        depth += (letter == "(") - (letter == ")")
+    end = ends.get("clause", ends.get("part"))
+    if end is not None and len(sentence[:end].split()) < _LEAST_LEAD:
+        end = max(ends.values())
+    return sentence if end is None else f"{sentence[:end]}."
 
 
 def with_minus(text: str) -> str:

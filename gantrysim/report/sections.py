@@ -197,9 +197,9 @@ def dots_section(bead: Bead, dots: Sequence[DotVerdict]) -> Section:
         ("volume [mm³]", ".4f"),
         ("requested [mm³]", ".4f"),
         ("error [%]", "+.1f"),
-        ("diameter [mm]", ".3f"),
-        ("height [mm]", ".3f"),
-        ("off its place [mm]", ".3f"),
+        ("diameter [mm]", ".2f"),
+        ("height [mm]", ".2f"),
+        ("off its place [mm]", ".2f"),
         ("string [%]", ".1f"),
     )
     rows: list[list[str | float | None]] = [
@@ -238,7 +238,7 @@ def dots_section(bead: Bead, dots: Sequence[DotVerdict]) -> Section:
 def _bead_sizes(values: BeadValues) -> Table:
     ranges = [(quantity, quantity.get(values)) for quantity in BEAD if quantity.statistics]
     return Table(
-        ["", "unit", *(Column(statistic.label, ".3f") for statistic in RANGE)],
+        ["", "unit", *(Column(statistic.label, ".2f") for statistic in RANGE)],
         [
             [quantity.label, quantity.unit, *(quantity.scaled(getattr(sizes, statistic.name)) for statistic in RANGE)]
             for quantity, sizes in ranges

@@ -46,7 +46,7 @@ TURN_CLEARANCE_ERROR = Quantity[Any](
     "turn_clearance_error",
     label="clearance of turns off by",
     unit="mm",
-    form=".3f",
+    form=".2f",
     meaning="Largest deviation of the clearance of neighbouring turns from the requested one",
     path=(),
 )
@@ -89,7 +89,7 @@ DOT_PLACE_ERROR = Quantity[Any](
     "dot_place_error",
     label="dot off its place by",
     unit="mm",
-    form=".3f",
+    form=".2f",
     meaning="Largest distance of a dot from its commanded place in plan view",
     path=(),
 )

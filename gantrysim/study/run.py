@@ -16,7 +16,7 @@ from gantrysim.base.files import ReplacedError
 from gantrysim.engine.simulate import simulate
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.report.document import Section, Table
+from gantrysim.report.document import Section, Table, lead_of
 from gantrysim.report.drawn_page import write_page
 from gantrysim.report.folder import JOB, PLOTS, REPORT, Output
 from gantrysim.report.summary import versions
@@ -29,21 +29,25 @@ from gantrysim.study.study import Plot, Report, Rounds, Study
 
 
 def page_sections(report: Report, origin: Iterable[Section] = ()) -> list[Section]:
-    """Return the sections of a report's page, whose title is the question.
+    """Return the sections of a report's page, whose title is the question: a sentence, a chart, and what they rest on.
 
     Args:
         report: to show.
         origin: sections on the cases and the job, the last of the details.
     """
-    first = [Section("Answer", report.answer)]
+    lead = lead_of(report.answer)
+    first = [Section("Answer", lead)]
     details = []
     if report.chart is not None:
         # the tables of the chart are details: the answer has one table
         first.append(_plot_section(replace(report.chart, tables=())))
         if report.chart.tables:
             details.append(Section(f"{report.chart.title}: details", table=report.chart.tables))
+    whole = None if lead == report.answer else report.answer
     if report.table is not None:
-        first.append(Section("Table", table=report.table))
+        first.append(Section("Table", whole, table=report.table))
+    elif whole is not None:
+        first.append(Section("In full", whole))
     if report.details.tables:
         details.append(Section("More tables", table=report.details.tables))
     details += map(_plot_section, report.details.plots)

@@ -25,7 +25,7 @@ def shown(name, width, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", str(width))
     answer = Answer(saved["state"], saved["headline"], tuple(AnswerRow(*row) for row in saved["rows"]))
     screen.show_verdict(answer)
-    screen.show_cause(saved["cause"])
+    screen.show_cause(answer, saved["cause"])
     if saved["changes"] is not None:
         screen.show_change(saved["changes"], f"out/{name}")
     return capsys.readouterr().out

@@ -11,7 +11,7 @@ from support.studies import SHORT
 
 SETTINGS = [word for setting in SHORT for word in ("--set", setting)]
 RUN = ("run", "an225", *SETTINGS, "--no-video", "--no-improve", "--no-causes", "--out", "out")
-ALL = {"job.toml", "plots", "report.html", "run.npz", "summary.json"}
+ALL = {"card.png", "job.toml", "plots", "report.html", "run.npz", "summary.json"}
 RECORDED = {"job.toml", "run.npz", "summary.json"}
 
 pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

@@ -97,7 +97,7 @@ def test_the_words_say_how_much_is_left_and_where(found, page):
     assert float(mean) == pytest.approx(OFF, rel=0.02)
     assert float(varying) == pytest.approx(SWING / np.sqrt(2), rel=0.02)
     assert re.search(r"largest first: structure [\d.]+ µm rms, servo [\d.]+ µm rms, program 0 µm", told)
-    share = float(re.search(r"explains ([\d.]+) % in mean square", page.section("summary"))[1])
+    share = float(re.search(r"explains ([\d.]+) % in mean square", page.section("in-full"))[1])
     rows = page.tables()["Error normal to the requested path, measured, simulated, and their difference"]
     left, whole = (float(rows["contour"][f"{name}, rms [µm]"]) for name in ("difference", "measured"))
     assert share == pytest.approx(100 * (1 - (left / whole) ** 2), abs=0.3)
@@ -139,7 +139,7 @@ def test_a_model_that_explains_nothing_and_one_that_explains_all(tmp_path):
     told = []
     for found in (exact, far):
         write_comparison_page(tmp_path / "a.html", found, "spiral", "log.csv")
-        told.append(Page(tmp_path / "a.html").section("summary"))
+        told.append(Page(tmp_path / "a.html").section("in-full"))
     # of one link alone
     assert "no difference is left" not in told[0]
     assert "explains 100.0 %" in told[0] or "the simulation differs by less than 0.001 µm rms" in told[0]

@@ -162,7 +162,8 @@ def test_the_page_holds_values_reasons_and_what_to_record(tmp_path):
     assert page.texts("h1") == ["xy, identified from a log"]
     assert "4,000 samples, 1 ms apart, over 3.999 s; axis x" in page.texts("p")
     kg = 1e6 / MODEL.scale * MODEL.inertia
-    summary = page.section("summary")
+    assert page.section("summary").startswith("Summary 4 of 6 values are identified")
+    summary = page.section("identified-values")
     assert f"Axis x: 4 of 6 values identified: inertia, whole {kg:.2f} ± {0.0196 * kg:.2f} kg" in summary
     assert "Coulomb friction 20.00 ± 0.39 mN·m" in summary
     assert summary.count("not identified: static friction, delay.") == 1
@@ -214,7 +215,7 @@ def test_nothing_identified_stands_above_all(tmp_path):
     page = page_of(tmp_path, identification(fit_of(), Finding("encoder counts", (), "it loses counts")))
     (warning,) = [one["text"] for one in page.all("p") if one.get("class") == "warning"]
     assert warning.startswith("Not identified: axis x: it loses counts")
-    assert "Axis x: 0 of 6 values identified; not identified: inertia, whole" in page.section("summary")
+    assert "Axis x: 0 of 6 values identified; not identified: inertia, whole" in page.section("identified-values")
     assert ["x", "all", "encoder counts", "it loses counts"] in page.rows()
 
 

@@ -98,8 +98,8 @@ def test_the_film_has_the_machine_and_the_default_bead(simulated, monkeypatch):
     assert simulated.film("a.mp4", speed=2.0) == 7
     (((machine, filmed, file), named),) = calls
     assert (machine, filmed, file) == (simulated.rig.machine, simulated, "a.mp4")
-    headline = simulated.verdict.headline
-    assert named == {"bead": gs.BeadSettings(), "label": "simulation", "verdict": headline, "speed": 2.0}
+    verdict = simulated.verdict
+    assert named == {"bead": gs.BeadSettings(), "label": "simulation", "verdict": verdict, "speed": 2.0}
 
 
 def test_deliberate_faults_are_in_the_verdict_and_their_cost_is_not_known(job):

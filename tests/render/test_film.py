@@ -18,7 +18,9 @@ from gantrysim.render.flight import Sight
 from gantrysim.render.fonts import MUTED, font
 from gantrysim.render.panel import run_colours
 from gantrysim.render.renderer import BEAD
-from gantrysim.report.plots.style import INK
+from gantrysim.results.colours import INK
+from gantrysim.results.row import Row
+from gantrysim.results.verdict import Verdict
 
 from support.films import SHAPES, cut, shows, small_job
 from support.soaked import suite_runs
@@ -32,7 +34,8 @@ FURTHEST = 40  # of a pixel of it, in its worst channel
 
 @pytest.fixture(scope="module")
 def run():
-    return small_job().run()
+    """Without its job, and so without a verdict."""
+    return small_job().run().replaced(job=None)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +116,7 @@ def test_an_mp4_has_its_frames_its_rate_and_its_pictures(alone, run, tmp_path):
         time = min(k / 8, run.time[-1])
         assert apart(frames[k], alone.frame(time, 1.0)) < CODED
     for card in frames[-8:]:
-        assert apart(card, alone.end_card()) < CODED
+        assert apart(card, alone.end_card(1.0)) < CODED
     assert apart(frames[5], alone.frame(6 / 8, 1.0)) > apart(frames[5], alone.frame(5 / 8, 1.0))
     assert list(tmp_path.iterdir()) == [tmp_path / "a.mp4"]
     # the index stands in front of the frames
@@ -440,7 +443,24 @@ def test_a_machine_without_cameras_or_label_is_filmed_by_its_name(rigid, run):
     assert shows(frame[: opened.panel.size[1]], machine.name, opened.panel.font.size, INK, bold=True)
 
 
-@pytest.mark.parametrize("verdict", suite_runs(["✗ fail: path, glue", "✓ pass", "! warn: " + 30 * "stability, "], 2))
+def judged_by(**states):
+    return Verdict(
+        tuple(Row(name, state=states.get(name, "pass")) for name in ("path", "glue", "stability", "machine"))
+    )
+
+
+@pytest.mark.parametrize(
+    "verdict",
+    suite_runs(
+        [
+            judged_by(path="fail", glue="fail"),
+            judged_by(),
+            Verdict((Row("path"), Row("glue")), fault=30 * "stability, "),
+        ],
+        2,
+    ),
+    ids=lambda verdict: verdict.state,
+)
 def test_a_verdict_stands_above_its_picture_and_changes_nothing_else(xy, run, short, verdict):
     size = (480, 360)
     takes = [Take(xy, run, "long", verdict=verdict), Take(xy, short, "short")]
@@ -453,6 +473,6 @@ def test_a_verdict_stands_above_its_picture_and_changes_nothing_else(xy, run, sh
     last = changed.max(axis=0)
     assert cells[0].top <= first[0] <= last[0] < cells[0].top + 2 * letters
     assert cells[0].left <= first[1] <= last[1] < cells[0].left + cells[0].width
-    text = font(letters, True).shortened(verdict, cells[0].width - 2 * font(letters, True).margin)
-    assert text.startswith(verdict[:4])
+    text = font(letters, True).shortened(verdict.headline, cells[0].width - 2 * font(letters, True).margin)
+    assert text.startswith(verdict.headline[:4])
     assert shows(cells[0].of(picture), text, letters, INK, bold=True)

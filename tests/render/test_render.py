@@ -136,11 +136,11 @@ def test_the_video_has_its_frames_its_length_and_its_picture(xy, run, tmp_path):
         frames = [np.asarray(frame) for frame in reader]
         rate = reader.get_meta_data()["fps"]
     assert rate == 5.0
-    assert len(frames) == count == int(np.ceil(run.time[-1] * 5)) + 1
-    assert len(seen) == count
+    assert len(frames) == count == int(np.ceil(run.time[-1] * 5)) + 1 + 5  # and the end card
+    assert len(seen) == count - 5
     assert seen[-1] == 1.0
-    assert all(frame.shape == (360, 480, 3) and frame.mean() > 30 for frame in frames)
-    orange = [((f[..., 0] > 150) & (f[..., 2] < 90)).sum() for f in map(np.asarray, frames)]
+    assert all(frame.shape == (360, 480, 3) and frame.mean() > 30 for frame in frames[:-5])
+    orange = [((f[..., 0] > 150) & (f[..., 2] < 90)).sum() for f in frames[:-5]]
     assert orange[-1] > orange[len(orange) // 2] > orange[0]
 
 
@@ -269,6 +269,7 @@ def test_without_opengl_the_command_does_everything_but_the_video(no_opengl, tmp
     monkeypatch.setattr(sys, "argv", arguments)
     cli.app(standalone_mode=False)
     assert sorted(item.name for item in tmp_path.iterdir()) == [
+        "card.png",
         "job.toml",
         "plots",
         "report.html",

@@ -34,9 +34,10 @@ ROWS = ("path", "glue", "stability", "machine")
 
 @pytest.fixture(scope="module")
 def run(xy):
-    """A spiral that ends in a stop, off the middle of the table, with errors from a slow program loop."""
+    """The record alone of a spiral that ends in a stop, off the middle of the table, with errors from a slow loop."""
     spiral = MoveSpiral(80, 2, 12, SPEED, loop_period=0.2, acceleration=1000)
-    return simulate(xy, Servo.derive(xy.axes), spiral.setpoints(1e-3).hold(0.1), dispenser=Dispenser(flow=FLOW))
+    run = simulate(xy, Servo.derive(xy.axes), spiral.setpoints(1e-3).hold(0.1), dispenser=Dispenser(flow=FLOW))
+    return run.replaced(rig=None)
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +200,7 @@ def test_the_colour_is_what_the_verdict_is_due_to(run, verdicts, colour):
 
 
 def test_a_verdict_needs_a_job(run):
-    with pytest.raises(InputError, match="colour verdict: the run has no job"):
+    with pytest.raises(InputError, match="colour verdict: the record has neither job nor rig"):
         chosen_colour("verdict", [run])
 
 

@@ -16,6 +16,7 @@ from svgelements import Path as SvgPath
 
 from gantrysim import InputError
 from gantrysim.report import Column, Section, Table, write_page
+from gantrysim.report.document import LEAD, lead_of
 from gantrysim.report.plots.style import INK, sheet, thinned_line
 from gantrysim.report.svg import description, inline_svg
 
@@ -271,3 +272,17 @@ def test_a_figure_without_labels_is_described_by_its_section(tmp_path):
 def test_a_figure_is_described_by_its_labels():
     assert description(plot("Error")) == "Error: error [µm] against time [s] (first)"
     assert description(Figure()) == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "lead"),
+    [
+        ("It passes. It costs nothing.", "It passes."),
+        ("a " * 12 + "b; " + "c " * 20 + "d.", "a " * 12 + "b."),
+        ("a " * 8 + "b, (c; " + "d " * 30 + "e).", "a " * 8 + "b."),
+        ("Set it: " + "a " * 10 + "b, " + "c " * 30 + "d.", "Set it: " + "a " * 10 + "b."),
+    ],
+)
+def test_a_page_begins_with_one_short_sentence(text, lead):
+    assert lead_of(text) == lead
+    assert len(lead.split()) <= LEAD

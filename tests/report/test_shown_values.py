@@ -147,7 +147,7 @@ def test_the_error_budget_in_page_table_and_summary(shown):
 def test_the_headline(shown):
     values = shown.budget
     link = max(values.parts, key=lambda name: values.parts[name].share)
-    text = shown.page.texts("p")[2]
+    text = shown.page.texts("p")[3]
     assert text.startswith(f"Contour error: {um(values.contour.rms)} µm rms, almost all in {link} (")
     if values.lag.max > values.contour.max:
         assert f"up to {um(values.lag.max)} µm from its command, {um(values.lag.rms)} µm rms." in text
@@ -160,10 +160,10 @@ def test_speed_spacing_and_errors(shown):
     for name in ("contour", "program"):
         error = shown.budget.rows[name]
         assert facts[f"{name.capitalize()} error, rms"] == (f"{um(error.rms)} µm", f"max {um(error.max)} µm")
-    sizes = f"std {spacing.std:.4f}, {spacing.min:.4f} to {spacing.max:.4f}"
-    assert facts["Turn spacing"] == (f"{spacing.mean:.4f} mm", f"requested 5, {sizes}")
-    assert facts["Path speed"] == (f"{speed.mean:.2f} mm/s", f"{speed.min:.2f} to {speed.max:.2f}")
-    assert facts["Path length"] == (f"{values.path_length:.3f} mm", f"in {values.duration:.3f} s")
+    sizes = f"std {spacing.std:.2f}, {spacing.min:.2f} to {spacing.max:.2f}"
+    assert facts["Turn spacing"] == (f"{spacing.mean:.2f} mm", f"requested 5, {sizes}")
+    assert facts["Path speed"] == (f"{speed.mean:.1f} mm/s", f"{speed.min:.1f} to {speed.max:.1f}")
+    assert facts["Path length"] == (f"{values.path_length:.1f} mm", f"in {values.duration:.2f} s")
     errors = {**values.following, "along the path": values.following_along}
     assert shown.page.tables()["Following error, commanded to encoder; rms and max in the row&#39;s unit"] == {
         name: {"unit": "µm", "rms": um(error.rms), "max": um(error.max)} for name, error in errors.items()
@@ -171,10 +171,10 @@ def test_speed_spacing_and_errors(shown):
     told = {name: rest for name, *rest in shown.outcome}
     for axis, error in values.following.items():
         assert told[f"following error {axis}"] == [f"{um(error.rms)} µm", f"max {um(error.max)} µm"]
-    assert told["turn spacing"] == [f"{spacing.mean:.4f} mm", f"requested 5, {sizes}"]
-    assert told["path speed"] == [f"{speed.mean:.2f} mm/s", f"{speed.min:.2f} to {speed.max:.2f}"]
-    assert told["path length"] == [f"{values.path_length:.3f} mm", f"in {values.duration:.3f} s"]
-    assert told["end point"] == ["", "x {:.4f}, y {:.4f}, z {:.4f} mm".format(*values.end_point)]
+    assert told["turn spacing"] == [f"{spacing.mean:.2f} mm", f"requested 5, {sizes}"]
+    assert told["path speed"] == [f"{speed.mean:.1f} mm/s", f"{speed.min:.1f} to {speed.max:.1f}"]
+    assert told["path length"] == [f"{values.path_length:.1f} mm", f"in {values.duration:.2f} s"]
+    assert told["end point"] == ["", "x {:.3f}, y {:.3f}, z {:.3f} mm".format(*values.end_point)]
 
 
 def test_stability_and_torque_ripple(shown):
@@ -222,7 +222,7 @@ def test_the_bead(shown):
     }
     caption = "The bead while the dispenser is on; missing and excess glue as a length of nominal bead"
     assert shown.page.tables()[caption] == {
-        name: {"unit": unit, **{one: f"{getattr(sizes, one):.3f}" for one in RANGE}}
+        name: {"unit": unit, **{one: f"{getattr(sizes, one):.2f}" for one in RANGE}}
         for name, (sizes, unit) in ranges.items()
     }
     volumes = {
@@ -250,10 +250,10 @@ def test_the_bead(shown):
     width, clearance = values.width, values.clearance
     missing, excess = values.missing_at_start, values.excess_at_stop
     told = {name: rest for name, *rest in shown.outcome}
-    nominal = f"nominal section {values.nominal:.3f} mm²"
-    assert told["bead width"] == [f"{width.mean:.3f} mm", f"{width.min:.3f} to {width.max:.3f}; {nominal}"]
-    sizes = f"clearance {clearance.min:.3f} to {clearance.max:.3f}; coverage {100 * values.coverage:.1f} %"
-    assert told["gap between turns"] == [f"{clearance.mean:.3f} mm", sizes]
+    nominal = f"nominal section {values.nominal:.2f} mm²"
+    assert told["bead width"] == [f"{width.mean:.2f} mm", f"{width.min:.2f} to {width.max:.2f}; {nominal}"]
+    sizes = f"clearance {clearance.min:.2f} to {clearance.max:.2f}; coverage {100 * values.coverage:.1f} %"
+    assert told["gap between turns"] == [f"{clearance.mean:.2f} mm", sizes]
     gap = f"of their length, a gap on {100 * values.gap_share:.1f} %"
     assert told["turns that overlap"] == [f"{100 * values.overlap_share:.1f} %", gap]
     assert told["missing at start"] == [f"{missing.mean:.2f} mm", "length of nominal bead"]

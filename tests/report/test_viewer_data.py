@@ -24,7 +24,7 @@ from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.encoding import encoded_ascending, encoded_numbers, encoded_runs, shown_rows
 from gantrysim.report.page import write_run_page
-from gantrysim.report.viewer_data import POSES, Series, ViewerData, pose_ticks
+from gantrysim.report.viewer_data import MOTION, POSES, Series, ViewerData, pose_ticks
 from gantrysim.results.run_results import RunResults
 
 from support.jobs import job_run
@@ -215,11 +215,12 @@ def test_a_thinned_run_keeps_its_largest_errors(shown):
 
 
 @pytest.mark.parametrize(
-    ("largest", "decimals"), [(0.0, 3), (1e-12, 3), (0.04, 3), (9.9, 3), (10.0, 2), (99.0, 2), (100.0, 1), (5e4, 1)]
+    ("largest", "decimals"), [(0.0, 2), (1e-12, 2), (0.04, 2), (9.9, 2), (10.0, 1), (99.0, 1), (100.0, 0), (5e4, 0)]
 )
-def test_a_column_is_read_in_three_digits_but_at_least_to_a_tenth(largest, decimals):
+def test_a_column_is_read_in_three_digits_of_its_largest_value(largest, decimals):
     values = np.array([0.0, -largest, math.nan])
-    assert Series("x", "x", "mm", "", lambda: values).content(values)["decimals"] == decimals
+    assert Series("x", "x", "mm", MOTION, lambda: values).content(values)["decimals"] == decimals
+    assert Series("x", "x", "mm", "", lambda: values).content(values)["decimals"] == 2  # a place
 
 
 def test_a_column_is_read_only_when_it_is_wanted(shown):

@@ -10,6 +10,7 @@ from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.page import write_run_page
+from gantrysim.results.colours import SHARE, WIDTH
 from gantrysim.results.run_results import RunResults
 
 from support.browser import chromium
@@ -20,9 +21,6 @@ FIELD_OF_VIEW = 35.0  # [deg], vertical
 RING = 7.0  # radius of the cursor [pixels]
 INK = (27, 31, 36)
 # gantrysim/report/web/theme.js, on light paper
-ERRORS = ["b9cfe4", "e0a64e", "cc5a3a", "7d124f"]
-WIDTHS = ["1f5fa8", "b7b1a4", "a8340c"]
-WIDTH_SPAN = 0.3  # of the nominal width, three tolerances of 10 %
 SHIFT = 8
 WITHOUT_WEBGL = """const original = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
@@ -193,12 +191,6 @@ def test_drag_and_keys_turn_the_view_and_reset_brings_it_back(page):
     page.key("Escape")
 
 
-def ramp(colours, share):
-    stops = np.array([[int(colour[k : k + 2], 16) for k in (0, 2, 4)] for colour in colours])
-    places = np.linspace(0, 1, len(colours))
-    return np.stack([np.interp(np.clip(share, 0, 1), places, stops[:, k]) for k in range(3)], axis=1)
-
-
 def test_the_bead_has_the_colours_of_the_scale_that_is_chosen(page, results):
     press(page, "machine")
     press(page, "top")
@@ -207,22 +199,22 @@ def test_the_bead_has_the_colours_of_the_scale_that_is_chosen(page, results):
     bead = results.bead
     ticks = budget.analysis.ticks[40:-40:5]
     rows = np.searchsorted(budget.analysis.ticks, ticks)
-    size = budget.analysis.nozzle.distance[rows] / budget.analysis.nozzle.distance.max()
+    limits = results.job.limits(run.face)
+    size = budget.analysis.nozzle.distance[rows] / limits.path_max
     width = np.interp(bead.length[ticks], bead.place, bead.width) / bead.nominal_section.width[0] - 1
     crest = run.nozzle[ticks]
-    for label, colours in (("path error", ramp(ERRORS, size)), ("width", ramp(WIDTHS, 0.5 + 0.5 * width / WIDTH_SPAN))):
+    scales = {"path error": (SHARE, size), "width": (WIDTH, 100 * width / limits.bead_width)}
+    expected = {}
+    for label, (scale, values) in scales.items():
+        expected[label] = scale.table()[np.rint(255 * scale.places(values)).astype(int)].astype(float)
         press(page, label)
-        assert (
-            page.run(f"return document.querySelector('{SURFACE}').getAttribute('aria-label')").find(
-                label.rpartition(" ")[2]
-            )
-            > 0
-        )
+        name = page.run(f"return document.querySelector('{SURFACE}').getAttribute('aria-label')")
+        assert label.rpartition(" ")[2] in name
         places, _ = in_picture(page, results, crest)
         column, row = np.rint(places - 0.5).astype(int).T
-        difference = np.abs(picture(page)[row, column] - colours).max(axis=1)
+        difference = np.abs(picture(page)[row, column] - expected[label]).max(axis=1)
         assert np.median(difference) < 12
-    assert np.median(np.abs(ramp(ERRORS, size) - ramp(WIDTHS, 0.5 + 0.5 * width / WIDTH_SPAN)).max(axis=1)) > 50
+    assert np.abs(expected["path error"] - expected["width"]).max() > 50
 
 
 def test_the_needle_stands_at_the_cursor(page, results):

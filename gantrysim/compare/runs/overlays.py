@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,8 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.parts import ERROR
 from gantrysim.report.plots.plan import magnification
 from gantrysim.report.plots.style import COLOURS, UM, add_legend, axes_on, thinned_line
-from gantrysim.results.colours import INK, RUNS
+from gantrysim.results.colours import BAD, INK, RUNS
+from gantrysim.results.score import usage_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 _MOST_POINTS = 100_000  # of a nozzle's path
 _COLUMNS = 700  # horizontal resolution of noisy lines, which make a page large
 _NOTHING = 1e-6  # largest negligible error [mm]
+_LONGEST_USE = 250.0  # length of a bar of a limit's use [%]
 _BAR = 0.8  # of the distance of two groups of bars
 
 
@@ -123,16 +126,33 @@ def draw_compared_causes(on: Figure | SubFigure | Axes, comparison: ComparedRuns
     return axes
 
 
+def draw_limit_use(on: Figure | SubFigure | Axes, comparison: ComparedRuns) -> Axes:
+    """Draw the largest share of a limit that each row of the verdicts uses, and the limit; return the axes."""
+    rows: dict[str, list[float | None]] = {}
+    for verdict in comparison.verdicts:
+        for row in verdict.rows:
+            usage = usage_of(row)
+            rows.setdefault(row.name, []).append(None if math.isnan(usage) else 100 * usage)
+    axes = _bars(on, rows, comparison.names, ".0f", _LONGEST_USE)
+    axes.axvline(100, color=BAD, lw=1.4, ls="--", zorder=3)
+    axes.set_xlabel("largest share of a limit that is used [%]; dashed: the limit")
+    return axes
+
+
 def _bars(
-    on: Figure | SubFigure | Axes, values: Mapping[str, Sequence[float | None]], names: Sequence[str], form: str
+    on: Figure | SubFigure | Axes,
+    values: Mapping[str, Sequence[float | None]],
+    names: Sequence[str],
+    form: str,
+    longest: float = math.inf,
 ) -> Axes:
-    """Draw groups of horizontal bars, one bar for each run, with their numbers."""
+    """Draw groups of horizontal bars, one bar for each run, with their numbers; a longer one than `longest` is cut."""
     axes = axes_on(on)
     height = _BAR / len(names)
     for number, name in enumerate(names):
         places = np.arange(len(values)) + (number - 0.5 * (len(names) - 1)) * height
         sizes = [numbers[number] for numbers in values.values()]
-        widths = [0.0 if size is None else size for size in sizes]
+        widths = [0.0 if size is None else min(size, longest) for size in sizes]
         # hatched too, so that no run is known by its colour alone
         hatch = "///" if RUN_DASHES[number] else None
         bars = axes.barh(

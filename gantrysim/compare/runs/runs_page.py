@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.compare.runs.overlays import (
     draw_compared_budgets,
     draw_compared_causes,
+    draw_limit_use,
     draw_overlaid_errors,
     draw_overlaid_plan,
     drawn_links,
@@ -26,7 +27,7 @@ from gantrysim.compare.runs.runs_tables import WORTH, check_cells, difference_ce
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import PART_COLUMNS
 from gantrysim.record.run import Run
-from gantrysim.report.document import Column, Section, Table, with_minus
+from gantrysim.report.document import Column, Section, Table, lead_of, with_minus
 from gantrysim.report.drawn_page import write_page
 from gantrysim.report.folder import Output, output_folder
 from gantrysim.report.plots.plan import plan_extent
@@ -35,6 +36,9 @@ from gantrysim.report.saved import SavedRun
 from gantrysim.report.sections import drawn_plot
 from gantrysim.report.summary import package_versions
 from gantrysim.results.run_results import RunResults
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REPORT = "report.html"
 SUMMARY = "compare.json"
@@ -73,9 +77,13 @@ def write_sections(comparison: ComparedRuns, folder: Path, title: str, sections:
 
 def run_sections(comparison: ComparedRuns) -> Iterator[Section]:
     """Yield the sections of a comparison, the answer first."""
-    yield Section("Summary", comparison.sentence, facts=_facts(comparison))
-    yield Section("What differs", **differences_content(comparison))
+    sentence = comparison.sentence
+    lead = lead_of(sentence)
+    yield Section("Summary", lead, figure=limits_figure(comparison), facts=_facts(comparison))
+    if lead != sentence:
+        yield Section("In full", sentence)
     yield beads_section(comparison)
+    yield Section("What differs", **differences_content(comparison))
     yield budgets_section(comparison)
     if comparison.causes:
         yield causes_section(comparison)
@@ -84,6 +92,14 @@ def run_sections(comparison: ComparedRuns) -> Iterator[Section]:
     yield Section(
         "Versions", table=Table(["", "version"], [list(item) for item in package_versions().items()]), folded=True
     )
+
+
+def limits_figure(comparison: ComparedRuns) -> Callable[[], Figure] | None:
+    """Return the chart of the limits that the runs use; None where no run is judged."""
+    if all(verdict.unjudged for verdict in comparison.verdicts):
+        return None
+    rows = max(len(verdict.rows) for verdict in comparison.verdicts)
+    return drawn_plot(draw_limit_use, comparison, *bars_size(rows * len(comparison.runs)))
 
 
 def _facts(comparison: ComparedRuns) -> list[tuple[str, str, str]]:

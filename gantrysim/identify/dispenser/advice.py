@@ -12,7 +12,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.glue.dispenser.dispenser import JET, VALVE
-from gantrysim.identify.dispenser.fit import SHARE, DispenserFit, values_of
+from gantrysim.identify.dispenser.fit import SHARE, DispenserFit, inverse_root, values_of
 from gantrysim.identify.dispenser.measurements import BEAD, DOTS, DROPS, RECORD, WEIGHING, Experiment
 from gantrysim.identify.dispenser.model import FLOW, LEAK, Model, needle_sizes
 
@@ -98,7 +98,7 @@ def _scales(fit: DispenserFit, bounds: Mapping[str, float]) -> Floats:
 
 def _ratios(information: Floats, scales: Floats) -> Floats:
     """Return half intervals over their bounds, (p,)."""
-    deviation = np.sqrt(np.maximum(np.diag(np.linalg.inv(information)), 0.0))
+    deviation = np.linalg.norm(inverse_root(information), axis=1)
     return np.asarray(_CONFIDENCE * deviation / scales)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from gantrysim.base.arrays import Floats
+from gantrysim.glue.dispenser.dispenser import JET, VALVE
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.dispenser.measurements import BEAD, DOTS, DROPS, RECORD, WEIGHING, Experiment, Measurements
 from gantrysim.identify.dispenser.model import digit, needle_sizes, switches
@@ -39,6 +40,7 @@ def check_measurements(measured: Measurements) -> None:
             f"density = {density:g} g/cm³: must be {_DENSITIES[0]:g} to {_DENSITIES[1]:g} g/cm³{hint}"
         )
     for experiment in measured.experiments:
+        _check_kind(measured, experiment)
         _check_rows(experiment)
         _check_signs(experiment)
         _CHECKS[experiment.kind](measured, experiment)
@@ -46,6 +48,14 @@ def check_measurements(measured: Measurements) -> None:
 
 def _in_range(value: float, bounds: tuple[float, float]) -> bool:
     return bounds[0] <= value <= bounds[1]
+
+
+def _check_kind(measured: Measurements, experiment: Experiment) -> None:
+    """Refuse an experiment that the kind of dispenser cannot have."""
+    if (measured.kind == JET) != (experiment.kind == DROPS):
+        raise NotIdentifiedError(f"{experiment.label}: of a jet: must be drops and mass, which give the drop's volume")
+    if measured.kind != VALVE and experiment.kind == DOTS:
+        raise NotIdentifiedError(f"{experiment.label}: of a {measured.kind} dispenser: only a valve has an open time")
 
 
 def _check_rows(experiment: Experiment) -> None:
@@ -231,10 +241,8 @@ def _check_tare_of_drops(experiment: Experiment) -> None:
 
 
 def _check_bead(measured: Measurements, experiment: Experiment) -> None:
-    if measured.driver and measured.driver != "drops" and not experiment.has(measured.driver):
+    if measured.driver and not experiment.has(measured.driver):
         raise NotIdentifiedError(f"{experiment.label}: has no column {measured.driver}, which sets the flow elsewhere")
-    if measured.driver == "drops":
-        raise NotIdentifiedError(f"{experiment.label}: of a jet: must be drops and mass, a bead gives no drop's volume")
     if not (experiment.has("bore") or experiment.has("outer")):
         raise NotIdentifiedError(
             f"{experiment.label}: the needle is missing, whose face presses the bead: add a column outer [mm] or bore "
@@ -273,7 +281,7 @@ def _check_record(measured: Measurements, experiment: Experiment) -> None:
             f"{experiment.label}: its time goes back from {time[back[0]]:.6g} to {time[back[0] + 1]:.6g} s in row "
             f"{row}: must rise; several records in a table need a column experiment"
         )
-    if measured.kind != "valve" and not experiment.has(measured.driver):
+    if measured.kind != VALVE and not experiment.has(measured.driver):
         raise NotIdentifiedError(f"{experiment.label}: has no column {measured.driver} or command, nothing switches")
     _check_switching(measured, experiment)
     if experiment.has("mass"):
@@ -281,7 +289,7 @@ def _check_record(measured: Measurements, experiment: Experiment) -> None:
 
 
 def _check_switching(measured: Measurements, experiment: Experiment) -> None:
-    if measured.kind == "valve":
+    if measured.kind == VALVE:
         if measured.driver and not experiment.has(measured.driver):
             raise NotIdentifiedError(f"{experiment.label}: has no column pressure, which sets the flow elsewhere")
         if not experiment.has("command"):
@@ -330,7 +338,7 @@ def _check_scale(measured: Measurements, experiment: Experiment) -> None:
 
 def _active(measured: Measurements, experiment: Experiment) -> NDArray[np.bool_]:
     """Return whether the dispenser is on, (n,)."""
-    if measured.kind == "valve":
+    if measured.kind == VALVE:
         command = experiment.columns["command"]
         return np.asarray(command > 0.5 * float(command.max()))
     return np.asarray(experiment.columns[measured.driver] > 0)

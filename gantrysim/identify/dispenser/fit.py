@@ -282,7 +282,8 @@ class _Search(NamedTuple):
         rows = np.split(np.arange(best.fun.size), ends)[: len(self.readings)]
         blocks = tuple((best.fun[k], jacobian[k]) for k in rows)
         information = best.jac.T @ best.jac
-        evidence = -0.5 * float(np.linalg.slogdet(information)[1]) - 0.5 * float(best.x @ best.x)
+        sizes = np.maximum(np.linalg.eigvalsh(information), 1.0)
+        evidence = -0.5 * float(np.log(sizes).sum()) - 0.5 * float(best.x @ best.x)
         names = tuple(parameter.name for parameter in self.parameters if parameter.name not in absent)
         return Minimum(names, x, blocks, evidence)
 
@@ -301,7 +302,8 @@ class _Search(NamedTuple):
 
     def errors(self, minimum: Minimum) -> tuple[Errors, ...]:
         """Return the errors that a minimum leaves."""
-        inverse = np.asarray(np.linalg.inv(_information(minimum, self.parameters)), float)
+        root = inverse_root(_information(minimum, self.parameters))
+        inverse = root @ root.T
         differences = self.differences(minimum.x)
         result = []
         for reading, difference, (_, J) in zip(self.readings, differences, minimum.blocks, strict=True):
@@ -314,7 +316,8 @@ class _Search(NamedTuple):
 
     def evidence(self, minimum: Minimum) -> float:
         """Return the logarithm of a choice's evidence, up to a constant, over all sizes of the errors."""
-        inverse = np.asarray(np.linalg.inv(_information(minimum, self.parameters)), float)
+        root = inverse_root(_information(minimum, self.parameters))
+        inverse = root @ root.T
         score = minimum.evidence
         for reading, (residual, J) in zip(self.readings, minimum.blocks, strict=True):
             half = 0.5 * self._freedom(reading, J, inverse)
@@ -334,9 +337,7 @@ class _Search(NamedTuple):
         """
         free = np.array([parameter.name in minimum.free for parameter in self.parameters])
         root = np.zeros((free.size, int(free.sum())))
-        # roots of the information's inverse, in which the usual covariance is the unit matrix
-        sizes, directions = np.linalg.eigh(_information(minimum, self.parameters)[np.ix_(free, free)])
-        root[free] = directions / np.sqrt(sizes)
+        root[free] = inverse_root(_information(minimum, self.parameters)[np.ix_(free, free)])
         inverse = root @ root.T
         variance = np.maximum(np.diag(inverse), 1e-300)
         S = np.diag(free.astype(float))
@@ -349,6 +350,12 @@ class _Search(NamedTuple):
         wide = root @ directions
         covariance = wide * np.maximum(sizes, 1.0) @ wide.T
         return covariance, 1.0 / np.maximum(inverse_freedom, 1e-6)
+
+
+def inverse_root(information: Floats) -> Floats:
+    """Return R with R R' the inverse of an information, which has at least that of the weak assumption, (p, p)."""
+    sizes, directions = np.linalg.eigh(information)
+    return np.asarray(directions / np.sqrt(np.maximum(sizes, 1.0)))
 
 
 def _information(minimum: Minimum, parameters: Sequence[Parameter]) -> Floats:

@@ -261,8 +261,8 @@ def _kinds(label: str, values: Mapping[str, Floats], labels: Sequence[str]) -> l
             if rows.any() and np.any(values[name][rows] == 0):
                 rests |= rows
     conditions = [
-        (DOTS, has("open time")),
         (DROPS, has("drops")),
+        (DOTS, has("open time")),
         (BEAD, has("width", "height")),
         (RECORD, has("command", "flow") | rests),
         (WEIGHING, has("time", "mass", "pressure", "pump speed", "plunger speed")),

@@ -47,6 +47,7 @@ _CELLS = 1500  # of the record of a driven dispenser, least number
 _MOST_CELLS = 20_000
 _HALVINGS = 50
 _INSTANT = 0.05  # over which a flow meter's reading is the mean, of the sample interval
+_LARGEST_EXPONENT = 300.0
 _LEAST_AREA = 1e-12  # of a bead [mm²]
 
 
@@ -79,7 +80,7 @@ class Parameter(NamedTuple):
     def value(self, variable: float) -> float:
         """Return the value of a variable."""
         moved = self.spread * variable
-        return float(self.usual * np.exp(moved) if self.is_log else self.usual + moved)
+        return float(self.usual * np.exp(min(moved, _LARGEST_EXPONENT)) if self.is_log else self.usual + moved)
 
 
 def _positive(name: str, unit: str, usual: float, label: str, low: float = 1e-9, high: float = 1e9) -> Parameter:

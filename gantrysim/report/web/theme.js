@@ -39,7 +39,8 @@ export function theme() {
     probe.style.color = given;
     const colour = getComputedStyle(probe).color;
     probe.style.color = "";
-    return colour;
+    const parts = colour.match(/\d+/g).slice(0, 3).map(Number);
+    return `#${parts.map((part) => part.toString(16).padStart(2, "0")).join("")}`;
   };
   return {
     ink: value("--ink"),
