@@ -1,5 +1,6 @@
 """The site of the documentation: built without a warning, with every page, equations, API and search."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -54,6 +55,12 @@ def test_every_page_is_built(site):
         built = site / page.removesuffix("index.md").removesuffix(".md") / "index.html"
         assert built.is_file(), page
     assert "involute" in (site / "search.json").read_text(encoding="utf-8")
+
+
+def test_search_finds_the_codes_of_the_valve(site):
+    """By a heading, which search weighs more than text."""
+    titles = [item["title"] for item in json.loads((site / "search.json").read_text(encoding="utf-8"))["items"]]
+    assert any({"M3", "M5", "glue"} <= set(re.findall(r"\w+", title)) for title in titles)
 
 
 def test_no_page_of_the_site_asks_the_network(site):
