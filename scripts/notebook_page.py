@@ -1,8 +1,10 @@
 """Write docs/start/notebook.md: the notebook of the examples with what its cells print and show."""
 
 import ast
+import base64
 import io
 import json
+import re
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -36,8 +38,27 @@ def shown(value: Any, picture: Path) -> str:
         image.save(picture, optimize=True)
         return f"![Plan and error budget of the run](../pictures/{picture.name})\n"
     if hasattr(value, "_repr_html_"):
-        return f"{value._repr_html_()}\n"
+        return f"{with_files(value._repr_html_(), picture)}\n"
     return f"```text\n{value!r}\n```\n"
+
+
+def with_files(html: str, picture: Path) -> str:
+    """Return HTML whose picture stands in a file: thousands of characters have no place on a page that people edit."""
+
+    def photo(match: re.Match[str]) -> str:
+        file = picture.with_suffix(".jpg")
+        file.write_bytes(base64.b64decode(match[1]))
+        return f'src="../../pictures/{file.name}"'
+
+    def drawing(match: re.Match[str]) -> str:
+        file = picture.with_suffix(".svg")
+        # a picture of its own has no colour of text
+        file.write_text(match[0].replace("currentColor", "#0072b2") + "\n", encoding="utf-8")
+        size = " ".join(re.findall(r'(?:width|height)="\d+"', match[0])[:2])
+        return f'<img src="../../pictures/{file.name}" alt="{match[1]}" {size}/>'
+
+    html = re.sub(r'src="data:image/jpeg;base64,([^"]*)"', photo, html)
+    return re.sub(r'<svg [^>]*aria-label="([^"]*)".*</svg>', drawing, html, flags=re.DOTALL)
 
 
 def page(folder: Path) -> str:

@@ -22,6 +22,7 @@ WHOLE = {
     "engine/native/device.py": "cuda",
     "env": "learning",
     "live": "live",
+    "report/notebook.py": "notebook",
     "study/cluster.py": "dask",
 }
 GIGABYTES = {"cuda"}  # extras that are asked for by their names alone
@@ -184,6 +185,20 @@ except gs.InputError as error:
     assert done.error == ""
     assert done.output.startswith("True gantrysim.env")
     assert done.output.endswith(f': {package} is not installed: pip install "gantrysim[{install}]"\n')
+
+
+def test_a_view_in_a_notebook_says_what_to_install(fresh, tmp_path):
+    code = """
+import sys
+sys.modules["anywidget"] = None
+import gantrysim as gs
+try:
+    gs.Run.view(None)
+except gs.InputError as error:
+    print(isinstance(error, ImportError), error)
+"""
+    said = 'True run.view: anywidget is not installed: pip install "gantrysim[notebook]"\n'
+    assert fresh.run(code, tmp_path) == (0, said, "")
 
 
 @pytest.mark.parametrize(

@@ -122,15 +122,3 @@ class RigBasis:
     def limits(self, needle: float, width: float = math.nan) -> Tolerance:
         counts = [axis.resolution for axis in self.rig.machine.axes if axis.unit == "mm"]
         return Tolerance.of(ToleranceSettings(), needle, counts, width)
-
-
-def limits_of(run: Run, width: float = math.nan) -> Tolerance | None:
-    """Return the limits that a good run keeps: those of its job, or default ones; None for a record alone.
-
-    Args:
-        run: the record.
-        width: nominal width of the bead, nan where none is requested [mm].
-    """
-    if run.job is not None:
-        return run.job.limits(run.face, width)
-    return None if run.rig is None else RigBasis(run.rig, run).limits(run.face, width)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.display import picture_html
 from gantrysim.base.errors import InputError, expanded, unknown
 from gantrysim.base.input_files import check_regular
 from gantrysim.machine.axis import Axis, axis_table
@@ -29,6 +30,7 @@ from gantrysim.machine.physics_models import PhysicsModels, digest_of
 from gantrysim.machine.posing import Posing, checked_position
 from gantrysim.machine.quiet import quiet
 from gantrysim.machine.row import MAX_AXES
+from gantrysim.machine.scheme import scheme
 from gantrysim.machine.springs import driven_joints
 from gantrysim.servo.stability.motion import Motion
 
@@ -199,7 +201,9 @@ class Machine:
         return f"Machine({str(self.source)!r})"
 
     def _repr_html_(self) -> str:
-        return axis_table(f"machine {self.name}", self.axes)
+        title = f"machine {self.name}"
+        home = self.to_qpos(np.zeros(len(self.plain_axes)))
+        return picture_html(scheme(self.model, home, title), axis_table(title, self.axes))
 
     @property
     def axes(self) -> tuple[Axis, ...]:

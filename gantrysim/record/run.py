@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from gantrysim.job.basis import Basis
     from gantrysim.job.job import Job
     from gantrysim.metrics.budget import Budget
+    from gantrysim.report.notebook import RunView
     from gantrysim.results.verdict import Verdict
 
 _LONGEST_REASON = 300  # characters of a damaged text
@@ -201,7 +202,7 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or its dispenser is never on.
         """
-        basis = self._basis("verdict")
+        basis = self.known_basis("verdict")
         from gantrysim.results.verdict import Verdict
 
         return Verdict.of(basis, self)
@@ -209,7 +210,7 @@ class Run(Shown):
     @property
     def known_verdict(self) -> Verdict | None:
         """The verdict; None where nothing can be judged: no glue, no job or rig, or code that may not run."""
-        is_judged = (self.job or self.rig) is not None and (self.fault is not None or bool(self.dispense.any()))
+        is_judged = self.basis is not None and (self.fault is not None or bool(self.dispense.any()))
         try:
             return self.verdict if is_judged else None
         except InputError:  # a saved job that names code which may not run here: its loops are unknown
@@ -249,11 +250,24 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or the folder cannot be written.
         """
-        basis = self._basis("report")
+        basis = self.known_basis("report")
         from gantrysim.remedy.report import changes_of
         from gantrysim.report.writing import write_report
 
         return write_report(basis, self, folder, causes, changes_of if improve else None, progress)
+
+    def view(self) -> RunView:
+        """Return a widget for a notebook: the verdict, and the page's viewer of bead, path, strips and program.
+
+        In Jupyter, VS Code and marimo; the last line of a cell shows it.
+
+        Raises:
+            MissingPackageError: anywidget is not installed.
+            InputError: the run has neither a job nor a rig, or its dispenser is never on.
+        """
+        from gantrysim.report.notebook import run_view
+
+        return run_view(self)
 
     def film(self, file: str | os.PathLike[str], **options: Any) -> int:
         """Write a film of the run, MP4 or GIF, and return its number of frames.
@@ -265,24 +279,29 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or as `gantrysim.render.save_video`.
         """
-        basis = self._basis("film")
+        basis = self.known_basis("film")
         from gantrysim.render import save_video
 
         values: dict[str, Any] = {"bead": basis.bead, "label": basis.name, "verdict": self.known_verdict, **options}
         return save_video(basis.built_machine, self, file, **values)
 
-    def _basis(self, name: str) -> Basis:
-        """Return what judges the run: its job, or its rig with default tolerances; else raise InputError."""
-        if self.job is not None:
+    @cached_property
+    def basis(self) -> Basis | None:
+        """What judges the run: its job, or its rig with default tolerances; None for a record without either."""
+        if self.job is not None or self.rig is None:
             return self.job
-        if self.rig is None:
+        from gantrysim.job.basis import RigBasis
+
+        return RigBasis(self.rig, self)
+
+    def known_basis(self, name: str) -> Basis:
+        """Return `basis`, or raise InputError with what to write before calling the method of this name."""
+        if self.basis is None:
             raise InputError(
                 f"run.{name}: the record has neither its job nor its machine and servo: write run.replaced(job=job), "
                 f"or run.replaced(rig=gantrysim.Rig(machine, servo, dispenser)), with .{name} behind it"
             )
-        from gantrysim.job.basis import RigBasis
-
-        return RigBasis(self.rig, self)
+        return self.basis
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with a row per servo tick; `attrs` describe the run.
@@ -293,6 +312,15 @@ class Run(Shown):
             InputError: pandas is not installed.
         """
         return frame(self)
+
+    def _repr_html_(self) -> str:
+        return self._html
+
+    @cached_property
+    def _html(self) -> str:
+        from gantrysim.report.run_html import run_html
+
+        return run_html(self, super()._repr_html_())
 
     def facts(self) -> dict[str, str]:
         return {

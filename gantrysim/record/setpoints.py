@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.columns import Column, OptionalColumn, Stored, array_of, blocks, by_blocks, table_by_blocks
+from gantrysim.base.display import Shown, picture_html
 from gantrysim.base.errors import InputError, at_least, positive, whole
 from gantrysim.base.memory import check_ticks
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
+from gantrysim.record.plan_picture import plan_picture
 
 MAX_TICKS = 50_000_000
 MATERIAL = ("extrusion", "extruder", "analogue")  # columns of what a program asks of the dispenser
@@ -85,8 +87,8 @@ class SetpointTable:
     analogue: OptionalColumn[Floats] = OptionalColumn()
 
 
-@dataclass(frozen=True)
-class Setpoints:
+@dataclass(frozen=True, repr=False)
+class Setpoints(Shown):
     """Commanded positions at every servo period, the dispenser command, and the requested path.
 
     Attributes:
@@ -162,6 +164,23 @@ class Setpoints:
         fault = progress_fault(progress, self.requested.length)
         if fault:
             raise InputError(f"{fault}; None if it is not known")
+
+    def facts(self) -> dict[str, str]:
+        low, high = (extreme(self.position, axis=0).tolist() for extreme in (np.min, np.max))
+        spans = (f"{name} {a:.5g} to {b:.5g}" for name, a, b in zip(self.axes, low, high, strict=True))
+        stretches = int(np.count_nonzero(np.diff(self.dispense, prepend=False) & self.dispense))
+        count = f"{stretches} stretches" if stretches > 1 else "1 stretch"
+        on = f"{np.count_nonzero(self.dispense) * self.period:.4g} s in {count}"
+        return {
+            "setpoints": f"{len(self.position)} of {1e3 * self.period:g} ms, {self.duration:.4g} s",
+            "positions": ", ".join(spans),
+            "path": f"{self.requested.length:.5g} mm",
+            "dispenser on": on if stretches else "never",
+            "waits to settle": str(self.gates.size),
+        }
+
+    def _repr_html_(self) -> str:
+        return picture_html(plan_picture(self.requested, self.progress, self.dispense), super()._repr_html_())
 
     @property
     def time(self) -> Floats:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.glue.bead.trace import BeadSettings, BeadTrace
-from gantrysim.job.basis import limits_of
 from gantrysim.job.tolerance import Tolerance
 from gantrysim.record.run import Run
 from gantrysim.results.colours import MAGNITUDE, SHARE, WIDTH, ColourScale
@@ -101,8 +100,8 @@ def scale_for(
     """Return one colour scale for the beads of several runs, or None for plain beads.
 
     Its tolerance and nominal width are those of the first run. The contour error is coloured up to ten tolerances, the
-    width up to three on either side of the nominal one. A record alone has no tolerance of the path: the scale then
-    ends at the 99.5th percentile.
+    width up to three on either side of the nominal one. Without a job or a rig there is no tolerance: the scale ends
+    at the 99.5th percentile.
 
     Args:
         colour: "width", "error" or "plain".
@@ -122,12 +121,11 @@ def scale_for(
     first = runs[0]
     nominal = float(traces[0].nominal_section.width[0]) or float(np.median(values)) or 1.0  # or no glue
     if colour == BY_WIDTH:
-        share = (limits_of(first, nominal) or Tolerance).bead_width
+        share = Tolerance.bead_width if first.basis is None else first.basis.limits(first.face, nominal).bead_width
         reach = WIDTH.high * share / 100 * nominal
         return _scale("bead width", "mm", (nominal - reach, nominal + reach), values, WIDTH)
-    limits = limits_of(first)
-    if limits is not None:
-        largest = SHARE.high * _UM * limits.path_max
+    if first.basis is not None:
+        largest = SHARE.high * _UM * first.basis.limits(first.face).path_max
         return _scale("contour error", "µm", (0.0, largest), values, SHARE)
     largest = float(np.percentile(values, _ERROR_PERCENTILE))
     return _scale("contour error", "µm", (0.0, _rounded_up(max(largest, _LEAST_ERROR))), values, MAGNITUDE)
@@ -150,14 +148,12 @@ def chosen_colour(colour: str | None, runs: Sequence[Run], verdicts: Sequence[Ve
         verdicts: on the runs; the worst one decides. By default those of the runs.
 
     Raises:
-        InputError: a verdict on a run without a job, which has the tolerances.
+        InputError: a verdict on a run without a job or a rig, which has the tolerances.
     """
     if colour not in (None, VERDICT):
         return colour
-    if colour == VERDICT and any(limits_of(run) is None for run in runs):
-        raise InputError(
-            "colour verdict: the record has neither job nor rig, which give the tolerances: use error or width"
-        )
+    if colour == VERDICT and any(run.basis is None for run in runs):
+        raise InputError("colour verdict: the run has no job and no rig, which give the tolerances: use error or width")
     known = [run.known_verdict for run in runs] if verdicts is None else verdicts
     rows = [verdict[verdict.shown_row] for verdict in known if verdict is not None and verdict.rows]
     worst = max(rows, key=lambda row: row.severity, default=None)

@@ -41,7 +41,7 @@ def draw_card(figure: Figure, results: RunResults, answer: Answer) -> None:
     picture = figure.add_axes((0.02, 0.12, _PICTURE - 0.04, 0.84))
     draw_laid(picture, results, text_size=10)
     text = _Column(figure, WIDTH * _PICTURE + 10, WIDTH - _EDGE)
-    text.add(f"{results.job.name} on {results.machine.name}", 12, SOFT, after=20)
+    text.add(f"{results.basis.name} on {results.machine.name}", 12, SOFT, after=20)
     text.shape(answer.state, 30)
     text.add(answer.headline[2:], 24, colour, weight="bold", lines=2, indent=46, after=14)
     for row in answer.rows:

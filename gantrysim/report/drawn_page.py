@@ -47,15 +47,22 @@ class DrawnPage:
     date: str = ""
 
     def write(self, file: str | os.PathLike[str]) -> None:
-        """Write the page as one HTML file that includes style, figures and video; an earlier one stays until then.
-
-        The same content gives the same bytes. All text is escaped.
+        """Write the page as one HTML file; an earlier one stays until then.
 
         Args:
             file: to write or replace.
 
         Raises:
             InputError: the file cannot be written.
+        """
+        content = self.html()
+        with replaced_file(file) as partial:
+            partial.write_text(content, encoding="utf-8")
+
+    def html(self) -> str:
+        """Return the page in HTML, with style, figures and video in it.
+
+        The same content gives the same bytes. All text is escaped.
         """
         from jinja2 import Environment, StrictUndefined  # slow to import
         from markupsafe import Markup
@@ -64,7 +71,7 @@ class DrawnPage:
         environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
         environment.filters.update(several=several, base64=_base64)
         template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
-        content = template.render(
+        return template.render(
             title=self.title,
             subtitle=self.subtitle,
             warning=self.warning,
@@ -74,8 +81,6 @@ class DrawnPage:
             space=_space_script() if any(section.in_space for _, section, _ in self.sections) else None,
             sections=[entry for entry in self.sections if not entry[1].lacks_video],
         )
-        with replaced_file(file) as partial:
-            partial.write_text(content, encoding="utf-8")
 
 
 def draw_page(

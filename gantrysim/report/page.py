@@ -17,7 +17,7 @@ from gantrysim.report.answer import Answer, Changes, Remedy
 from gantrysim.report.causes import causes_section, glue_causes_section
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import DrawnPage, draw_page
-from gantrysim.report.figures import Figures
+from gantrysim.report.figures import Figures, section_name
 from gantrysim.report.plots.laid import draw_laid
 from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
@@ -199,16 +199,27 @@ def run_page(
         changes: what to change in the job, which a room below this one finds.
         figures: of `sections_with_figures` of these results, drawn ahead; None to draw them here.
     """
-    run = results.budget.analysis.run
-    job = results.basis
     return draw_page(
-        f"{job.name} on {results.machine.name}",
-        f"{_program_name(job)}, servo period {1e3 * run.period:g} ms",
+        *_titles(results),
         in_order(run_sections(results, None if video is None else Path(video), changes)),
         warning=_warning(results),
         progress=progress,
         figures=figures,
     )
+
+
+def viewer_page(results: RunResults) -> DrawnPage:
+    """Return the verdict of a run and the viewer alone, without figures, as a notebook shows them."""
+    sections = (verdict_section(results, None), path_section(results))
+    title, subtitle = _titles(results)
+    return DrawnPage(title, subtitle, [(section_name(part.title), part, []) for part in sections], _warning(results))
+
+
+def _titles(results: RunResults) -> tuple[str, str]:
+    """Return title and subtitle of a run's page."""
+    job = results.basis
+    period = results.budget.analysis.run.period
+    return f"{job.name} on {results.machine.name}", f"{_program_name(job)}, servo period {1e3 * period:g} ms"
 
 
 def _program_name(job: Basis) -> str:

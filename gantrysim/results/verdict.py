@@ -27,6 +27,7 @@ from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, worst
 from gantrysim.results.glue import GLUE, glue_row
 from gantrysim.results.row import Row
+from gantrysim.results.verdict_html import verdict_html
 from gantrysim.results.verdict_quantities import LOADS, SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
 from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
 from gantrysim.servo.stability.margins import Margins, margins_of
@@ -195,6 +196,9 @@ class Verdict(Shown):
     def facts(self) -> dict[str, str]:
         rows = {row.name: f"{row.state}: {'; '.join(row.texts)}" for row in self.rows}
         return {"verdict": self.headline, **rows}
+
+    def _repr_html_(self) -> str:
+        return verdict_html(self.headline, self.rows)
 
     def content(self) -> dict[str, Any]:
         """Return the verdict for JSON."""

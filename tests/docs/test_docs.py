@@ -235,7 +235,8 @@ def test_a_tolerance_that_no_test_holds_is_refused(tmp_path, monkeypatch):
 def test_the_notebook_is_shown_with_its_outputs_and_kept_without(tmp_path):
     page = runpy.run_path(str(ROOT / "scripts" / "notebook_page.py"))["page"]
     assert_printed(PAGES["start/notebook.md"], page(tmp_path))
-    assert [file.name for file in tmp_path.iterdir()] == ["notebook-5.png"]
+    pictures = ["notebook-1.jpg", "notebook-5.png", "notebook-8.svg", "notebook-9.svg"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == pictures
     cells = json.loads((ROOT / "examples" / "first_run.ipynb").read_text(encoding="utf-8"))["cells"]
     assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
 

@@ -77,7 +77,8 @@ def test_the_report_says_that_the_tolerances_are_defaults(simulated, tmp_path):
         (folder / name).write_text("")
     (folder / "run.npz").write_bytes(b"")
     page = simulated.report(folder)
-    assert sorted(file.name for file in folder.iterdir()) == ["plots", "report.html", "run.npz", "summary.json"]
+    files = ["card.png", "plots", "report.html", "run.npz", "summary.json"]
+    assert sorted(file.name for file in folder.iterdir()) == files
     text = page.read_text(encoding="utf-8")
     assert DEFAULTS in text
     assert "simulation on xy" in text
@@ -98,8 +99,7 @@ def test_the_film_has_the_machine_and_the_default_bead(simulated, monkeypatch):
     assert simulated.film("a.mp4", speed=2.0) == 7
     (((machine, filmed, file), named),) = calls
     assert (machine, filmed, file) == (simulated.rig.machine, simulated, "a.mp4")
-    verdict = simulated.verdict
-    assert named == {"bead": gs.BeadSettings(), "label": "simulation", "verdict": verdict, "speed": 2.0}
+    assert named == {"bead": gs.BeadSettings(), "label": "simulation", "verdict": simulated.verdict, "speed": 2.0}
 
 
 def test_deliberate_faults_are_in_the_verdict_and_their_cost_is_not_known(job):

@@ -76,7 +76,7 @@ def bead_picture(results: RunResults) -> bytes:
 
 def _draw_dots(axes: Axes, results: RunResults, bead: Bead) -> None:
     """Draw the dots as wide as they lie, coloured by the deviation of their volume."""
-    limit = results.job.limits(bead.run.face).dot_volume
+    limit = results.basis.limits(bead.run.face).dot_volume
     errors = [verdict.volume_error for verdict in results.dots] or [math.nan] * len(bead.dots)
     for dot, error in zip(bead.dots, errors, strict=True):
         colour = RIGHT if math.isnan(error) else WIDTH.colour(error / limit)

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.collections import LineCollection
 
 from gantrysim.base.columns import by_blocks
-from gantrysim.job.basis import limits_of
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.plots.budget import draw_budget, draw_budget_along
 from gantrysim.report.plots.style import COLOURS, UM, axes_on, colour_map, sheet
@@ -65,10 +64,9 @@ def draw_coloured_plan(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
     pieces = np.stack([trace[:-1], trace[1:]], axis=1)
     # not across moves with the dispenser off
     joined = np.diff(ticks) <= step
-    # a record alone has no tolerance
-    limits = limits_of(run)
-    scale = MAGNITUDE if limits is None else SHARE
-    unit = float(distance.max()) or 1.0 if limits is None else limits.path_max
+    # without a job or a rig there is no tolerance
+    scale = MAGNITUDE if run.basis is None else SHARE
+    unit = float(distance.max()) or 1.0 if run.basis is None else run.basis.limits(run.face).path_max
     coloured = LineCollection(list(pieces[joined]), cmap=colour_map(scale), linewidths=2.4)
     coloured.set_array(scale.places(np.maximum(distance[shown[:-1]], distance[shown[1:]])[joined] / unit))
     coloured.set_clim(0, 1)
