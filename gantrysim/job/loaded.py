@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from gantrysim.base.errors import AxisError, InputError, TimedError
+from gantrysim.base.errors import AxisError, InputError, TimedError, wrong_type
 from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.glue.bead import BeadSettings
@@ -257,6 +257,8 @@ class LoadedJob(JobContent):
         Raises:
             InputError: an unknown job, an invalid key or value, or code that may not run.
         """
+        if servo is not None and not isinstance(servo, str | os.PathLike):
+            raise wrong_type("servo", servo, "a TOML file", "give values as overrides, such as {'servo.kp': 0.5}")
         table = None if servo is None else Path(servo)
         request = Request(str(job), settings_of(overrides), machine, table, controller, placement, allow_code)
         read = read_with_overrides(request)
