@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.errors import GantryError, InputError, unknown
+from gantrysim.base.toml_files import read_toml
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.live.controls import OVERRIDE, Control, checked_values
 from gantrysim.live.draft import Draft, Request, Task
@@ -221,12 +222,26 @@ class Workbench:
 
 
 def version_of(path: str) -> int:
-    """Return a number that changes with a file, 0 where it cannot be read."""
+    """Return a number that changes with a file, and with the program file that a job file names; 0 where it is gone."""
+    version = 0
+    for file in (Path(path), *_program_files(Path(path))):
+        try:
+            status = file.stat()
+        except OSError:
+            return 0
+        version += status.st_mtime_ns + status.st_size
+    return version
+
+
+def _program_files(file: Path) -> tuple[Path, ...]:
+    """Return the program file that a job file names; nothing for another file, or while it is being written."""
+    if file.suffix.lower() != ".toml":
+        return ()
     try:
-        status = Path(path).stat()
-    except OSError:
-        return 0
-    return status.st_mtime_ns + status.st_size
+        named = read_toml(file, file.name)["program"]["file"]
+    except (GantryError, OSError, KeyError, TypeError):
+        return ()
+    return (file.parent / named,) if isinstance(named, str) else ()
 
 
 def _text(order: Mapping[str, Any], name: str) -> str:

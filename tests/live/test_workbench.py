@@ -262,6 +262,18 @@ def test_a_file_that_changes_on_disk_is_taken_over_with_the_controls(bench, tmp_
     assert made.draft.text == JOB + "# edited\n"
 
 
+def test_the_program_file_of_a_job_is_followed_too(tmp_path):
+    job = tmp_path / "job.toml"
+    job.write_text('name = "job"\n[program]\nfile = "part.ngc"\n')
+    assert version_of(str(job)) == 0  # it is not there yet
+    (tmp_path / "part.ngc").write_text(TEXT)
+    before = version_of(str(job))
+    (tmp_path / "part.ngc").write_text(TEXT + "(changed)\n")
+    assert 0 != before != version_of(str(job))
+    job.write_text("[program")
+    assert version_of(str(job)) not in (0, before)
+
+
 def test_a_new_tab_gets_what_the_others_show(bench):
     made, asked, _ = bench
     made.receive(Message(asked[-1].number, "text", {"program": None, "job": JOB}))
