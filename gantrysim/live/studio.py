@@ -22,6 +22,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.improvement import Improvement, names_of, values_to_set
+from gantrysim.remedy.report import changes_of
 from gantrysim.report.encoding import MOST_ROWS
 from gantrysim.report.headline import headline
 from gantrysim.report.viewer_data import ViewerData
@@ -211,7 +212,7 @@ class Studio:
             send("progress", {"share": share, "task": "report"})
 
         run = job.run(progress)
-        page = write_report(job, run, folder / job.name, causes=True, progress=progress)
+        page = write_report(job, run, folder / job.name, changes=changes_of, progress=progress)
         send("written", {"folder": str(folder / job.name), "page": "" if page is None else str(page)})
 
 

@@ -1,5 +1,7 @@
 """The workbench's state: history, saving, comparison, texts and refusals, and the answers of its worker."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -166,6 +168,19 @@ def test_what_to_change_is_tried_as_it_was_promised(answers, tmp_path):
     assert best["is_whole"]
     (result, _) = content_of(answers.ask("show", Draft(str(file), values=best["values"])), "result")
     assert proposals["sentence"].startswith("passes") == (result["head"]["state"] == "pass")
+
+
+@pytest.mark.soak
+def test_the_report_is_written_as_the_command_does(answers, tmp_path):
+    file = tmp_path / "short.toml"
+    file.write_text(JOB)
+    (written,) = content_of(answers.ask("report", Draft(str(file)), folder=str(tmp_path / "out")), "written")
+    assert written["page"] == str(tmp_path / "out" / "short" / "report.html")
+    names = {path.name for path in (tmp_path / "out" / "short").iterdir()}
+    assert {"job.toml", "run.npz", "summary.json", "report.html", "plots"} <= names
+    job = Job.load(file)
+    summary = json.loads((tmp_path / "out" / "short" / "summary.json").read_text())
+    assert summary["verdict"]["headline"] == results_of(job, job.run(), causes=False).verdict.headline
 
 
 def test_a_newer_request_ends_an_older_one(answers):
