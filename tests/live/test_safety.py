@@ -284,3 +284,18 @@ def test_an_unknown_job_is_refused_before_anything_listens(tmp_path, monkeypatch
         opened("nothing.ngc")
     assert opened("an225") == (tmp_path, "an225")
     assert opened(str(tmp_path)) == (tmp_path, "an225")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("nothing.ngc",), "unknown job 'nothing.ngc'"),
+        (("an225", "--host", "203.0.113.1"), "--host 203.0.113.1 --port 0: cannot be bound"),
+    ],
+)
+def test_the_command_refuses_in_one_line(gantrysim_command, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    status, output, errors = gantrysim_command("live", *arguments, "--no-browser")
+    assert (status, output) == (2, "")
+    assert message in errors.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []
