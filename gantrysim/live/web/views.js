@@ -46,6 +46,7 @@ export class Views {
 
   _build(content) {
     const compared = Boolean(content.runs);
+    this.strips?.remove();
     this.data = compared ? new ComparedData(content) : new RunData(content);
     const { data } = this;
     this.cursor = new Cursor(data.rows, data.worst);

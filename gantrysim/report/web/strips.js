@@ -102,6 +102,12 @@ export class Strips {
     this._redraw(true);
   }
 
+  /** Take the strips away, with what they listen to in the window. */
+  remove() {
+    for (const { plot } of this._plots) plot.destroy();
+    this._plots = [];
+  }
+
   _strip({ names, own, heading: title }, last) {
     const colours = theme();
     const series = names.map((name) => this.data.seriesOf(name));
