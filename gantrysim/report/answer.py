@@ -63,6 +63,7 @@ class Answer:
         rows: path, glue, stability and machine.
         spoilt: what spoils the run, in sentences; empty for a run that passes.
         remedy: what to change; None where it has not been looked for.
+        title: the verdict in a few words, without its symbol.
     """
 
     state: str
@@ -70,6 +71,7 @@ class Answer:
     rows: tuple[AnswerRow, ...]
     spoilt: str = ""
     remedy: Remedy | None = None
+    title: str = ""
 
     @classmethod
     def of(cls, results: RunResults, remedy: Remedy | None = None) -> Answer:
@@ -78,7 +80,10 @@ class Answer:
         rows = () if verdict.unjudged else tuple(map(_row, verdict.rows))
         if remedy is None and verdict.state == PASS:
             remedy = Remedy("Nothing: every value keeps its limit.")
-        return cls(verdict.state, verdict.headline, rows, _spoilt(results), remedy)
+        title = verdict.headline.partition(" ")[2]
+        if verdict.unjudged:
+            title = f"{verdict.state}: {'fault' if verdict.fault else 'errors not known'}"
+        return cls(verdict.state, verdict.headline, rows, _spoilt(results), remedy, title)
 
 
 def _row(row: Row) -> AnswerRow:
@@ -91,7 +96,9 @@ def _row(row: Row) -> AnswerRow:
 def _spoilt(results: RunResults) -> str:
     """Return what spoils a run, in sentences."""
     row = results.verdict.worst_row
-    if results.verdict.unjudged or row is None:
+    if results.verdict.unjudged:
+        return results.verdict.unjudged
+    if row is None:
         return ""
     if results.verdict.disturbances:
         return headline(results)

@@ -70,6 +70,7 @@ def test_it_answers_without_scrolling(page, results):
     assert max(bottoms) <= 800
     assert page.run("return document.documentElement.scrollTop") == 0
     text = " ".join(page.text(".answer").split())
+    assert Answer.of(results).title == results.verdict.headline[2:]
     assert results.verdict.headline[2:] in text
     for row in results.verdict.rows:
         assert row.name in text
