@@ -17,7 +17,7 @@ HEAD = """# Tables of the environments
 Actions, observations and random values of the [environments](learning.md), with the default settings on the machine
 `xy`; `python scripts/environments_page.py` writes this page from the code. A machine with other axes has entries of its
 own axes. `env.unwrapped.action_names` and `env.unwrapped.observation_names` list the entries of any environment;
-[settings and rewards](api/environments.md) are those of its class.
+[settings and rewards](api/studies.md#environments) are those of its class.
 
 Values measured are those of the interval since the last decision, and 0 before the first.
 

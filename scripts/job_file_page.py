@@ -1,9 +1,10 @@
 """Write docs/job-file.md: every key of a job with its default and meaning, from the docstrings of the code."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from gantrysim.job.key_list import Key, sections
+from gantrysim.job.key_list import Key, controller_heading, sections
+from gantrysim.job.programs import PROGRAMS
 
 PAGE = Path(__file__).parent.parent / "docs" / "job-file.md"
 
@@ -67,6 +68,12 @@ that were used. `gantrysim info servo.damping` prints one key, `gantrysim info k
 All keys follow, by table; `python scripts/job_file_page.py` writes this page from the code.
 """
 
+SHARED = """
+## `[program]`, keys that several controllers have alike
+
+The tables of the controllers, below, hold their other keys.
+"""
+
 
 def ten_keys() -> str:
     """Return the table of the ten keys, with their defaults from the code."""
@@ -77,14 +84,41 @@ def ten_keys() -> str:
 
 def section(title: str, keys: Iterable[Key]) -> str:
     """Return a heading and a table."""
+    return f"\n## {title}\n\n{table(keys)}"
+
+
+def table(keys: Iterable[Key]) -> str:
+    """Return a table of keys."""
     cells = [(f"`{key.name}`", key.default, " ".join(key.meaning.split()).replace("|", r"\|")) for key in keys]
-    table = [("key", "default", "meaning"), ("---", "---", "---"), *cells]
-    return f"\n## {title}\n\n" + "".join(f"| {' | '.join(row)} |\n" for row in table)
+    rows = [("key", "default", "meaning"), ("---", "---", "---"), *cells]
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def shared(controllers: Mapping[str, Iterable[Key]]) -> dict[tuple[str, ...], list[Key]]:
+    """Return the keys that several controllers have alike, where there are several, by these controllers' names."""
+    having: dict[Key, list[str]] = {}
+    for name, keys in controllers.items():
+        for key in keys:
+            having.setdefault(key, []).append(name)
+    by_names: dict[tuple[str, ...], list[Key]] = {}
+    for key, names in having.items():
+        if len(names) > 1:
+            by_names.setdefault(tuple(names), []).append(key)
+    return {names: alike for names, alike in by_names.items() if len(alike) > 1}
 
 
 def page() -> str:
     """Return the page."""
-    return HEAD + EXAMPLE + ten_keys() + AFTER_TEN + "".join(section(title, keys) for title, keys in sections().items())
+    tables = sections()
+    controllers = {name: tables.pop(controller_heading(name)) for name in PROGRAMS}
+    common = shared(controllers)
+    text = HEAD + EXAMPLE + ten_keys() + AFTER_TEN + "".join(section(title, keys) for title, keys in tables.items())
+    text += SHARED
+    for names, keys in common.items():
+        text += f"\nOf {', '.join(f'`{name}`' for name in names)}:\n\n{table(keys)}"
+    elsewhere = {key for keys in common.values() for key in keys}
+    own = {name: [key for key in keys if key not in elsewhere] for name, keys in controllers.items()}
+    return text + "".join(section(controller_heading(name), keys) for name, keys in own.items())
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
-"""Write docs/machine-keys.md: every key of a machine's table and the motors of the library, from the code."""
+"""Write the tables of docs/machines.md: every key of a machine's table and the motors of the library, from the code."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,9 @@ from gantrysim.machine.design.table import Drive, Guides, MachineTable, Masses, 
 from gantrysim.machine.design.transmission import Belt, Rack, Screw
 from gantrysim.machine.design.urdf_table import UrdfAxis, UrdfNozzle, UrdfTable
 
-PAGE = Path(__file__).parent.parent / "docs" / "machine-keys.md"
+PAGE = Path(__file__).parent.parent / "docs" / "machines.md"
+PLACE = re.compile(r"(<!-- written by scripts/machine_keys_page.py -->\n).*?(<!-- end -->)", re.DOTALL)
 
-HEAD = """# Keys of a machine's table
-
-[Machines from a table](machine-tables.md) explains how they are used, and
-[your own machine](start/own-machine.md) shows a complete table with a motor from a data sheet.
-`python scripts/machine_keys_page.py` writes this page from the code.
-"""
 TABLES: tuple[tuple[str, type[BaseModel]], ...] = (
     ("The machine", MachineTable),
     ("`[masses]`", Masses),
@@ -55,6 +51,17 @@ def rows(model: type[BaseModel]) -> Iterator[str]:
         yield f"| `{name}` | {shown} | {field.description} |"
 
 
+def table(listed: Iterable[str]) -> str:
+    """Return a table of rows of keys."""
+    return "| key | default | meaning |\n| --- | --- | --- |\n" + "\n".join(listed) + "\n"
+
+
+def common(*models: type[BaseModel]) -> list[str]:
+    """Return the rows that tables have alike."""
+    first, *others = (list(rows(model)) for model in models)
+    return [row for row in first if all(row in other for other in others)]
+
+
 def motors() -> Iterator[str]:
     """Yield a row per motor of the library."""
     for name in motor_names():
@@ -66,22 +73,32 @@ def motors() -> Iterator[str]:
         )
 
 
-def page() -> str:
-    """Return the page."""
-    text = HEAD
+def tables() -> str:
+    """Return the tables of keys and of the library."""
+    text = ""
     for title, model in TABLES:
-        text += f"\n## {title}\n\n| key | default | meaning |\n| --- | --- | --- |\n" + "\n".join(rows(model)) + "\n"
+        if model is Screw:
+            text += f"\n### `[x.drive.transmission]`, of every kind\n\n{table(common(Screw, Belt, Rack))}"
+        own = rows(model)
+        if model in (Screw, Belt, Rack):
+            own = [row for row in own if row not in common(Screw, Belt, Rack)]
+        text += f"\n### {title}\n\n{table(own)}"
     text += (
-        "\n## Motors of the library\n\nNo-load speed and stall torque follow from the other values, at the nominal "
+        "\n### Motors of the library\n\nNo-load speed and stall torque follow from the other values, at the nominal "
         "voltage. Sources of every number: `gantrysim/machine/design/library.toml`. For an ac servo, K and the "
-        "currents are those of its equivalent DC motor, see [machines from a table](machine-tables.md).\n\n"
+        "currents are those of its equivalent DC motor, see [how the values are used](#how-the-values-are-used).\n\n"
         "| motor | kind | V | K [N·m/A] | R [ohm] | no-load [rpm] | stall [N·m] | continuous [N·m] | peak [N·m] "
         "| rotor [1e-6 kg·m²] |\n" + "| --- " * 10 + "|\n" + "\n".join(motors()) + "\n"
     )
     encoders = ", ".join(f"`{name}` {counts_of(name):g}" for name in encoder_names())
-    text += f"\n## Encoders of the library\n\nCounts per revolution, all four edges where incremental: {encoders}.\n"
+    text += f"\n### Encoders of the library\n\nCounts per revolution, all four edges where incremental: {encoders}.\n"
     classes = ", ".join(f"{name} {error:g}" for name, (error, _) in SCREWS.items())
     return text + f"\nAccuracy classes of screws, error over 300 mm of travel in µm, plus or minus: {classes}.\n"
+
+
+def page() -> str:
+    """Return the page with its tables written anew."""
+    return PLACE.sub(lambda place: place[1] + tables() + place[2], PAGE.read_text(encoding="utf-8"))
 
 
 if __name__ == "__main__":

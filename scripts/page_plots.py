@@ -1,4 +1,4 @@
-"""The plots of the pages of start and how-to, each a function that draws one; scripts/pictures.py saves them."""
+"""The plots of the pages of start and of tasks, each a function that draws one; scripts/pictures.py saves them."""
 
 import csv
 import tempfile
@@ -229,7 +229,7 @@ def law(figure: Figure) -> None:
     axes = figure.add_subplot()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "flip.py"
-        file.write_text(titled_block("how-to/write-a-law.md", "flip.py"), encoding="utf-8")
+        file.write_text(titled_block("laws.md", "flip.py"), encoding="utf-8")
         job = gs.Job.load("softmc-arc")
         error_along(axes, job.run(), "pid", BEFORE)
         changed = gs.Job.load("softmc-arc", [f'servo.law="{file}:pid"'], allow_code=True)

@@ -1,4 +1,4 @@
-"""Draw the pictures of README and docs/: machines, films, a run's page, studies, how-to pages; all, or some.
+"""Draw the pictures of README and docs/: machines, films, a run's page, studies, sections with a task; all, or some.
 
 python scripts/pictures.py [machines] [films] [page] [studies] [how_to] [own_part] [own_machine]
     [own_controller] [NAME OF A PICTURE OF A STUDY OR OF A PLOT OF A PAGE]
@@ -174,7 +174,7 @@ def own_controller() -> None:
     """The bead of the job that a page shows with its controller."""
     with tempfile.TemporaryDirectory() as scratch:
         for file in ("wave.py", "wave.toml"):
-            (Path(scratch) / file).write_text(titled_block("how-to/write-a-controller.md", file), encoding="utf-8")
+            (Path(scratch) / file).write_text(titled_block("controllers.md", file), encoding="utf-8")
         job = Job.load(Path(scratch) / "wave.toml", allow_code=True)
         last_frame([take(job)], SMALL, "how-to-controller")
 

@@ -1,4 +1,4 @@
-"""Attack every reader of input and every writer of files, and write docs/robustness.md; takes an hour.
+"""Attack every reader of input and every writer of files, and write their table in docs/validation.md; takes an hour.
 
 python scripts/soak.py [ARGUMENT OF PYTEST ...]
 
@@ -6,6 +6,7 @@ It runs the tests marked soak. Arguments of pytest can select some of them; rows
 interrupt cut short, stay unchanged, and so do the hand-written sections below the table.
 """
 
+import re
 import signal
 import sys
 from collections import Counter
@@ -14,14 +15,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "robustness.md"
-INTRODUCTION = """# Robustness
-
-`scripts/soak.sh` tries to break gantrysim, for about an hour, and writes this table. Every try must end either in a
-result or in one line that names the quantity and its bound: without a traceback, a half-written file, a number that is
-not finite, or unbounded use of memory. A short form of each attack runs with the tests.
-
-| attack | tries | of these, refused in one line | failed tests |
+PAGE = ROOT / "docs" / "validation.md"
+PLACE = re.compile(r"(<!-- written by scripts/soak.py -->\n).*?(<!-- end -->)", re.DOTALL)
+HEADS = """| attack | tries | of these, refused in one line | failed tests |
 |---|---:|---:|---:|
 """
 
@@ -48,20 +44,21 @@ class Tally:
             self.failed[attack] += report.failed
 
     def page(self, before: str) -> str:
-        """Return the page with its new table, given the page before."""
-        attacks, heading, sections = before.partition("\n## ")
-        rows = {line.split(" | ")[0].removeprefix("| "): line for line in attacks.splitlines() if line.startswith("| ")}
+        """Return the page with its table written anew; attacks that were not tried keep their rows."""
+        return PLACE.sub(lambda place: f"{place[1]}\n{self._table(place[0])}\n{place[2]}", before)
+
+    def _table(self, before: str) -> str:
+        rows = {line.split(" | ")[0].removeprefix("| "): line for line in before.splitlines() if line.startswith("| ")}
         rows.pop("attack", None)
         for attack, tries in self.tries.items():
             refused = f"{self.refused[attack]:,}" if attack in self.refused else ""
             rows[attack] = f"| {attack} | {tries:,} | {refused} | {self.failed[attack]} |"
-        return INTRODUCTION + "".join(f"{rows[attack]}\n" for attack in sorted(rows)) + heading + sections
+        return HEADS + "".join(f"{rows[attack]}\n" for attack in sorted(rows))
 
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
     tally = Tally()
     status = pytest.main(["-m", "soak", "--rootdir", str(ROOT), *sys.argv[1:]], plugins=[tally])
-    before = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
-    PAGE.write_text(tally.page(before), encoding="utf-8")
+    PAGE.write_text(tally.page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     sys.exit(status)

@@ -1,5 +1,6 @@
-"""Write docs/values.md: every value of a run that people see, and every column of a record, from the code."""
+"""Write the tables of docs/values.md: every value of a run that people see, every column of a record, from the code."""
 
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,29 +13,9 @@ from gantrysim.results.verdict_quantities import VERDICT_VALUES
 
 PAGE = Path(__file__).parent.parent / "docs" / "values.md"
 
-HEAD = """# Values of a run
+PLACE = re.compile(r"(<!-- written by scripts/values_page.py -->\n).*?(<!-- end -->)", re.DOTALL)
 
-Every value has the same name, unit and meaning in the terminal, in `report.html`, in `summary.json`, in the columns of
-studies and in Python; `python scripts/values_page.py` writes this page from the code. A value that rounds to zero is
-shown as 0; a value that a run does not have is shown as –, and is null in `summary.json`.
-
-In `summary.json` each value is in its group under its key, as in `summary["errors"]["contour_rms_um"]`; rows of
-studies have the same keys, for errors, motion, bead width and volume error. A key consists of the value's name, the
-axis if it belongs to one, the statistic if there are several, and the unit. Below, x stands for the name of an axis;
-errors of a rotary axis are in mdeg. In Python, values are in mm, s, deg and N·m, and shares are ratios, read from
-
-```python
-import gantrysim as gs
-from gantrysim.report.writing import results_of
-
-job = gs.Job.load("an225")
-run = job.run()
-budget = run.budget
-bead = gs.Bead(run, job.bead)
-results = results_of(job, run, causes=False)
-```
-
-## Terms
+TERMS = """## Terms
 
 | term | meaning |
 | --- | --- |
@@ -81,9 +62,9 @@ def rows(quantities: Iterable[Quantity[Any]], subject: str) -> Iterator[tuple[st
         yield quantity.label, keys(quantity), units(quantity), quantity.meaning, f"`{quantity.code(subject)}`"
 
 
-def page() -> str:
-    """Return the page."""
-    text = HEAD
+def tables() -> str:
+    """Return terms and tables."""
+    text = TERMS
     for group in GROUPS:
         heads = ("value", "keys", "unit", "meaning", "Python")
         text += f"\n## {group.title}: `{group.name}`\n\n{table(heads, rows(group.quantities, group.code))}"
@@ -113,6 +94,11 @@ def page() -> str:
         "\n## Columns of a record: `run.to_frame()`, `gantrysim export`\n\n"
         "A row per servo tick. Positions of a rotary axis are in deg; points have the columns x, y and z.\n\n" + signals
     )
+
+
+def page() -> str:
+    """Return the page with its tables written anew."""
+    return PLACE.sub(lambda place: place[1] + tables() + place[2], PAGE.read_text(encoding="utf-8"))
 
 
 if __name__ == "__main__":

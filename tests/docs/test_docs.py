@@ -22,7 +22,18 @@ from gantrysim.glue.bead import Bead
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.losses import Losses
 
-from support.doc_pages import DOCS, ROOT, SHOWN, SHOWN_LEAST, assert_printed, blocks, blocks_of, read_pages, run_in_turn
+from support.doc_pages import (
+    DOCS,
+    ROOT,
+    SHOWN,
+    SHOWN_LEAST,
+    TASKS,
+    assert_printed,
+    blocks,
+    blocks_of,
+    read_pages,
+    run_in_turn,
+)
 from support.jobs import job_run
 
 PAGES = read_pages()
@@ -58,11 +69,16 @@ def shortened(code):
     return code
 
 
-# those of start and how-to run in test_pages_run.py, with the commands between them
+# those of start and of tasks run in test_pages_run.py, with the commands between them
+SHOWN_IN_TASKS = {block.text for task in TASKS.values() for block in blocks_of(task)}
 EXAMPLES = {
-    name: [block for block in blocks_of(page) if block.language == "python" and not block.title]
+    name: [
+        block
+        for block in blocks_of(page)
+        if block.language == "python" and not block.title and block.text not in SHOWN_IN_TASKS
+    ]
     for name, page in PAGES.items()
-    if not name.startswith(("start/", "how-to/"))
+    if not name.startswith("start/")
 }
 
 
@@ -162,6 +178,8 @@ def test_commands_have_the_arguments_that_are_shown(name):
         words = shlex.split(line.replace("[JOB]", "an225").partition(" #")[0])
         if words[:1] != ["gantrysim"]:
             continue
+        if words[1:2] == ["identify"] and words[2:3] not in (["axes"], ["dispenser"]):
+            words.insert(2, "axes")  # which needs no name
         command, rest, context = root, words[1:], click.Context(root, info_name="gantrysim")
         while hasattr(command, "commands"):
             command, rest = command.commands[rest[0]], rest[1:]

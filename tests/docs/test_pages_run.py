@@ -1,4 +1,4 @@
-"""Pages of start and how-to: all their commands and code run in one folder, and print what the pages show."""
+"""Pages of start, and sections with a task: their commands and code run in one folder and print what is shown."""
 
 import re
 import shlex
@@ -6,14 +6,13 @@ import shutil
 
 import pytest
 
-from support.doc_pages import ROOT, assert_printed, blocks_of, read_pages, run_in_turn
+from support.doc_pages import ROOT, TASKS, assert_printed, blocks_of, read_pages, run_in_turn
 
 NOTEBOOK = "start/notebook.md"  # which another test runs as a whole
-PAGES = {
-    name: page for name, page in read_pages().items() if name.startswith(("start/", "how-to/")) and name != NOTEBOOK
-}
-# pages whose commands search, train or build for minutes
-LONG = ("how-to/run-a-sweep-on-a-cluster.md", "how-to/train-an-agent.md", "how-to/tune.md")
+START = {name: page for name, page in read_pages().items() if name.startswith("start/") and name != NOTEBOOK}
+TEXTS = START | TASKS
+# those whose commands search, train or build for minutes
+LONG = ("Run a sweep on a cluster", "Train an agent", "Tune the servo")
 SHORTER = ("--no-video", "--no-report")  # film and report take most of the time of a run
 ADDRESS = "tcp://"  # of computers that the test has not
 
@@ -36,11 +35,11 @@ def step_of(words):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.soak) if name in LONG else name for name in PAGES]
+    "name", [pytest.param(name, marks=pytest.mark.soak) if name in LONG else name for name in TEXTS]
 )
 def test_a_page_s_code_prints_what_it_shows(name, fresh, tmp_path):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    page = PAGES[name]
+    page = TEXTS[name]
     # what a page shows, and its steps
     shown = []
     for block in blocks_of(page):
@@ -59,11 +58,7 @@ def test_a_page_s_code_prints_what_it_shows(name, fresh, tmp_path):
             assert_printed(block.output, "".join(part.output + part.error for part in done))
 
 
-@pytest.mark.parametrize("name", [name for name in PAGES if name.startswith("how-to/")])
-def test_a_how_to_page_has_a_task_a_picture_and_is_short(name):
-    page = PAGES[name]
-    title, _, body = page.partition("\n\n")
-    assert title.startswith("# ")
-    assert len(re.findall(r"^!\[", page, flags=re.MULTILINE)) == 1
-    assert len(page.splitlines()) <= 100, "a how-to page shows one task on two screens"
-    assert "Next steps" in body
+@pytest.mark.parametrize("name", TASKS)
+def test_a_task_has_a_picture_and_is_short(name):
+    assert len(re.findall(r"^!\[", TASKS[name], flags=re.MULTILINE)) == 1
+    assert len(TASKS[name].splitlines()) <= 100, "a task is shown on two screens"

@@ -2,7 +2,6 @@
 
 import os
 import pickle
-import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +18,7 @@ from gantrysim.study.cases import measure
 from gantrysim.study.tuning import TuningStudy
 
 from support import own_controllers
+from support.doc_pages import TASKS, blocks_of
 from support.films import saved
 from support.studies import SHORT
 
@@ -313,14 +313,13 @@ def test_a_stranger_s_controller_is_not_looked_at_for_the_keys_that_are_set(fold
 
 
 def test_the_example_of_the_documentation_runs(tmp_path, monkeypatch, gantrysim_command):
-    page = Path(__file__).parents[2].joinpath("docs", "controllers.md").read_text()
-    for language, name in (("python", "mine.py"), ("toml", "job.toml")):
-        (block,) = re.findall(rf"^```{language}\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE)
-        (tmp_path / name).write_text(block)
+    for block in blocks_of(TASKS["Write a controller"]):
+        if block.title:
+            (tmp_path / block.title).write_text(block.text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    job = Job.load("job.toml")
-    assert job.plan().length == pytest.approx(40 * np.pi)
-    assert gantrysim_command("check", "job.toml", "--speed", "25")[0] == 0
+    job = Job.load("wave.toml")
+    assert job.plan().length == pytest.approx(60 * np.pi)
+    assert gantrysim_command("check", "wave.toml", "--speed", "25")[0] == 0
 
 
 def test_a_name_between_colons_is_printed_as_it_is(folder, tmp_path, gantrysim_command, monkeypatch):

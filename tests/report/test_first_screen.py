@@ -14,7 +14,8 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.answer import Answer, Remedy
 from gantrysim.report.card import HEIGHT, WIDTH, save_card
-from gantrysim.report.document import Changes, Section
+from gantrysim.report.changes import Changes
+from gantrysim.report.document import Section
 from gantrysim.report.page import run_page
 from gantrysim.results.run_results import RunResults
 

@@ -12,6 +12,7 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 FENCED = re.compile(r'^ *```(\w*)(?: title="([^"]+)")?\n(.*?)^ *```$', flags=re.DOTALL | re.MULTILINE)
 LEFT_OUT = "…"  # stands on a page for what it does not show
+_HEADING = re.compile(r"^## ", flags=re.MULTILINE)
 BOX = re.compile(r"[│┃─━┏┓┗┛┡┩└┘├┤┬┴┼╇┳╋╀┴┻╭╮╰╯]+")  # lines that tables are drawn with
 NUMBER = re.compile(r"\d[\d,]*\.?\d*(?:e-?\d+)?")
 
@@ -24,6 +25,32 @@ def read_pages():
     """Return the texts of README and docs by their path in docs."""
     pages = {page.relative_to(DOCS).as_posix(): page.read_text(encoding="utf-8") for page in sorted(DOCS.rglob("*.md"))}
     return {"README.md": (ROOT / "README.md").read_text(encoding="utf-8"), **pages}
+
+
+def section_of(name, heading):
+    """Return the text of a section of a page in docs, below its heading and up to the next of that level."""
+    _, head, text = (DOCS / name).read_text(encoding="utf-8").partition(f"\n## {heading}\n")
+    assert head, (name, heading)
+    return _HEADING.split(text, maxsplit=1)[0]
+
+
+# sections that show a task with commands to follow
+TASKS = {
+    heading: section_of(name, heading)
+    for name, heading in (
+        ("values.md", "Read the verdict"),
+        ("improve.md", "Find what to change"),
+        ("studies.md", "Find the fastest speed"),
+        ("studies.md", "Run a sweep on a cluster"),
+        ("tuning.md", "Tune the servo"),
+        ("laws.md", "Compensate friction"),
+        ("laws.md", "Write a law"),
+        ("dispensers.md", "Shape the flow"),
+        ("exchange.md", "Gains in your controller's units"),
+        ("learning.md", "Train an agent"),
+        ("controllers.md", "Write a controller"),
+    )
+}
 
 
 class Block(NamedTuple):

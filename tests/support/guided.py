@@ -160,7 +160,7 @@ TARGETS = {
         reads("slicer.Program", max_steps=300),
     ),
     "FANUC programs": Target(
-        lambda: program_seeds("fanuc.Program", "programs.md", "gcode"),
+        lambda: program_seeds("fanuc.Program", "controllers.md", "gcode"),
         reads("fanuc.Program", max_steps=300),
     ),
     "drawings": Target(_drawings, reads("cad.Drawing", unit="mm")),

@@ -254,7 +254,7 @@ def _programs() -> list[tuple[str, str]]:
         "softmc.Basic": ("mc-basic.md", "basic"),
         "linuxcnc.Program": ("g-code.md", "gcode"),
         "slicer.Program": ("g-code.md", "gcode"),
-        "fanuc.Program": ("programs.md", "gcode"),
+        "fanuc.Program": ("controllers.md", "gcode"),
     }
     found = [(name, seed.decode()) for name, page in pages.items() for seed in program_seeds(name, *page)]
     softmc = [

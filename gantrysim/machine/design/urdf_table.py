@@ -82,7 +82,7 @@ def table_of_urdf(urdf: Path) -> Path:
     raise InputError(
         f'a URDF has no drives, nozzle and work: give them in {file.name} beside it, as in urdf = "{urdf.name}", '
         f'nozzle = {{ link = "..." }}, work = "...", [x] joint = "..." and [x.drive] motor, encoder, voltage, '
-        f"transmission (docs/machine-tables.md); prismatic joints: {slides or 'none'}; links: {links or 'none'}"
+        f"transmission (docs/machines.md); prismatic joints: {slides or 'none'}; links: {links or 'none'}"
     )
 
 

@@ -394,7 +394,7 @@ def test_a_table_holds_every_key_of_the_page():
 def test_the_page_of_keys_is_that_of_the_code_and_its_table_is_a_machine(tmp_path):
     root = EXAMPLES.parent.parent
     page = runpy.run_path(str(root / "scripts" / "machine_keys_page.py"))["page"]
-    assert page() == (root / "docs" / "machine-keys.md").read_text(encoding="utf-8")
-    text = (root / "docs" / "machine-tables.md").read_text(encoding="utf-8")
+    assert page() == (root / "docs" / "machines.md").read_text(encoding="utf-8")
+    text = (root / "docs" / "machines.md").read_text(encoding="utf-8")
     machine = built(tmp_path, re.search(r"```toml\n(.*?)```", text, re.S)[1])
     assert machine.axis_names == ("x", "y")
