@@ -66,6 +66,8 @@ def text_of(error: BaseException) -> str:
 
 def expanded(path: str | os.PathLike[str]) -> Path:
     """Return a path with ~ as the home folder, or raise InputError where there is none, or no such path can be."""
+    if not isinstance(path, str | os.PathLike):
+        raise wrong_type("path", path, "a path, as text or pathlib.Path")
     if "\0" in os.fspath(path):
         raise InputError(f"{shown(os.fspath(path))}: has a zero character, which no path can have")
     try:

@@ -74,8 +74,8 @@ def _tables_of_screen(comparison: ComparedRuns) -> Iterator[Table]:
 
     heads, keys = difference_cells(comparison)
     if keys:
-        rest = f"; {len(keys) - _KEYS} further ones are on the page" if len(keys) > _KEYS else ""
-        yield _table_of_texts(f"what differs{rest}", heads, keys[:_KEYS], 2)
+        further = f"; {len(keys) - _KEYS} further ones are on the page" if len(keys) > _KEYS else ""
+        yield _table_of_texts(f"what differs{further}", heads, keys[:_KEYS], 2)
     runs = range(1, len(comparison.runs))
     checks = [check for check in comparison.checks if any(check.is_critical(run) for run in runs)]
     if checks:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, seen
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, shown
 from gantrysim.engine.native.plant import MAX_DOFS, PLANT, RESISTIVE, SOURCE, STATE, WOUND, move
 from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
@@ -247,8 +247,8 @@ Engine = Literal["mujoco", "loop"]
 
 def check_engine(engine: str) -> None:
     """Raise InputError for an engine that does not exist."""
-    if engine not in get_args(Engine):
-        raise InputError(f"engine {engine!r}: must be {' or '.join(get_args(Engine))}")
+    if not isinstance(engine, str) or engine not in get_args(Engine):
+        raise InputError(f"engine {shown(engine)}: must be {' or '.join(get_args(Engine))}")
 
 
 _WORTH_SAYING = 1e-4  # [mm]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gantrysim.engine.arguments import check_argument
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.servo import Servo
@@ -26,3 +27,7 @@ class Rig:
     servo: Servo
     dispenser: Dispenser = field(default_factory=Dispenser)
     has_own_law: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("machine", "servo", "dispenser"):
+            check_argument(name, getattr(self, name))

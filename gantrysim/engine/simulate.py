@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, check_type
 from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.controllers.controller import Controller
 from gantrysim.engine.advance import Stepper
@@ -73,6 +73,8 @@ def simulate(
             deliberate fault that the machine cannot have.
     """
     check_engine(engine)
+    if start is not None:
+        check_type("start", start, Start, "a Start or None")
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
     if start is not None:
         simulation = replace(simulation, begin=start)

@@ -13,6 +13,7 @@ from gantrysim.engine.rig import Rig
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
+from gantrysim.job.job import check_job
 from gantrysim.job.margins import machine_notes
 from gantrysim.job.tolerance import Tolerance, ToleranceSettings
 from gantrysim.machine.machine import Machine
@@ -67,6 +68,12 @@ class Basis(Protocol):
 
     def limits(self, needle: float, width: float = math.nan) -> Tolerance:
         """Return the limits that a good run keeps, see `gantrysim.job.job.Job.limits`."""
+
+
+def check_basis(value: object) -> None:
+    """Raise InputError for what is likely to be given in the place of a job: a run, a name or a file."""
+    if not isinstance(value, RigBasis):
+        check_job(value)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 import tomli_w
 from pydantic import BaseModel, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
-from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.errors import InputError, check_type, unknown
 from gantrysim.base.toml_files import validated_model
 from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
@@ -130,6 +130,7 @@ class JobContent(BaseModel):
         Raises:
             InputError: an invalid key or value.
         """
+        check_type("values", values, Mapping, "a mapping of keys to values", 'write {"program.speed": 80.0}')
         content = self.model_dump(exclude_none=True)
         for key, value in values.items():
             change(content, key, value, known_keys(content, allow_code=not self._refusal))

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from gantrysim.base.errors import AxisError, InputError, TimedError
+from gantrysim.base.errors import AxisError, InputError, TimedError, wrong_type
 from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.glue.bead import BeadSettings
@@ -257,6 +257,8 @@ class LoadedJob(JobContent):
         Raises:
             InputError: an unknown job, an invalid key or value, or code that may not run.
         """
+        if servo is not None and not isinstance(servo, str | os.PathLike):
+            raise wrong_type("servo", servo, "a TOML file", "give values as overrides, such as {'servo.kp': 0.5}")
         table = None if servo is None else Path(servo)
         request = Request(str(job), settings_of(overrides), machine, table, controller, placement, allow_code)
         read = read_with_overrides(request)
@@ -274,13 +276,14 @@ class LoadedJob(JobContent):
         return cls.of_content(read.content, read.label, read.refusal, is_record=True)
 
     @classmethod
-    def of_given(cls, given: Given, content: dict[str, Any], speed: float | None) -> Self:
+    def of_given(cls, given: Given, content: dict[str, Any], speed: float | None, sibling: Self | None = None) -> Self:
         """Return the job of a content, with a machine, glue and a place for its program where nobody gave any.
 
         Args:
             given: what the job is loaded from.
             content: of it, with the values that were given.
             speed: of the program's fastest motion; None for its own [mm/s].
+            sibling: job of the same file, with which machine and program are shared where they are the same.
 
         Raises:
             InputError: an invalid key or value.
@@ -290,7 +293,7 @@ class LoadedJob(JobContent):
             job = job.with_called_files()
         if speed is not None:
             job = job.at_speed(speed)
-        return job._with_choices(OpenValues.of(content, given.dialect)).with_given(given)
+        return job._with_choices(OpenValues.of(content, given.dialect), sibling).with_given(given)
 
     def loaded_with(self, values: Mapping[str, Any], *, in_file: bool = False, speed: float | None = None) -> Self:
         """Return the job as it is loaded with further values: what nobody gives is chosen again, and may be another.
@@ -311,15 +314,17 @@ class LoadedJob(JobContent):
         content = self.given.with_values(values, in_file=in_file)
         if speed is None and not in_file:
             speed = self.given.speed
-        return self.of_given(self.given, content, speed)
+        return self.of_given(self.given, content, speed, self)
 
-    def _with_choices(self, open_values: OpenValues) -> Self:
+    def _with_choices(self, open_values: OpenValues, sibling: Self | None) -> Self:
         """Return the job with a machine and glue for its program, where nobody gave any; its first note says so."""
         name = self.program["controller"]
         job = self
         if open_values.machine:
             with self.located():
                 job = job.changed({"machine": machine_of(name, job.controller)}).sharing(job)
+        if sibling is not None:
+            job = job.sharing(sibling)
         if open_values.glue:
             job = job.changed(glue_changes(job, job.built_machine)).sharing(job)
         if not is_code(name):

@@ -8,7 +8,7 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
-from gantrysim.base.errors import InputError, expanded, meant_names, nearest, shown
+from gantrysim.base.errors import InputError, check_type, expanded, meant_names, nearest, shown, wrong_type
 from gantrysim.base.toml_files import toml_content
 from gantrysim.faults import KINDS
 from gantrysim.glue.bead import BeadSettings
@@ -60,7 +60,12 @@ def settings_of(overrides: Iterable[str] | Mapping[str, Any]) -> tuple[Override,
     """
     if isinstance(overrides, str):
         raise InputError(f"overrides = {overrides!r}: must be texts in a list, or a mapping of keys to values")
-    return tuple(overrides.items()) if isinstance(overrides, Mapping) else tuple(overrides)
+    check_type("overrides", overrides, Iterable, "texts in a list, or a mapping of keys to values")
+    given = tuple(overrides.items()) if isinstance(overrides, Mapping) else tuple(overrides)
+    for setting in given:
+        if not isinstance(setting, str) and not (isinstance(setting, tuple) and isinstance(setting[0], str)):
+            raise wrong_type("overrides[]", setting, 'a text "key=value", or a pair of key and value')
+    return given
 
 
 def override(content: Content, setting: Override, known: Sequence[str]) -> None:

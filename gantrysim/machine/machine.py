@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.display import picture_html
-from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.errors import InputError, check_type, expanded, unknown, wrong_type
 from gantrysim.base.input_files import check_regular
 from gantrysim.machine.axis import Axis, axis_table
 from gantrysim.machine.axis_dynamics import motion_of, with_dynamics
@@ -52,6 +52,8 @@ def model_file(model: str | Path) -> Path:
     Raises:
         InputError: an unknown name, or a path without a regular file.
     """
+    if not isinstance(model, str | Path):
+        raise wrong_type("model", model, "the name of a built-in machine, or a path")
     text = str(model)
     builtin = builtin_models()
     if text in builtin:
@@ -284,6 +286,7 @@ class Machine:
         Raises:
             InputError: a payload that leaves the body no mass, or factors for another number of axes.
         """
+        check_type("perturbation", perturbation, Perturbation, "a Perturbation", "write Perturbation(payload=0.3)")
         machine = copy.copy(self)
         machine._perturbations = (*self._perturbations, perturbation)
         make = partial(perturbed_model, self.physics, perturbation, self.plain_axes, self.nozzle, self.work)
@@ -299,6 +302,8 @@ class Machine:
         Raises:
             InputError: an error that the machine cannot have, or a list with another number of axes.
         """
+        if geometry is not None:
+            check_type("geometry", geometry, Geometry, "a Geometry", "write Geometry(accuracy=...) with its values")
         machine = copy.copy(self)
         machine.geometry = geometry
         _ = machine.kinematic_errors

@@ -275,11 +275,13 @@ def values(run: Run) -> AnalysisValues:
 
 def following_error(run: Run) -> Floats:
     """Commanded minus encoder position, the following error, (n, axes), each axis in its own unit [mm or deg]."""
+    check_run(run)
     return run.commanded - run.encoder
 
 
 def path_speed(run: Run) -> Floats:
     """Speed of the nozzle in the work frame, by central differences, (n,) [mm/s]."""
+    check_run(run)
     n = len(run.time)
     if n < 2:
         return np.zeros(n)
@@ -316,6 +318,7 @@ def torque_ripple(run: Run) -> Floats:
     Raises:
         InputError: the dispenser is never on.
     """
+    check_run(run)
     # raises where there are none
     _dispensing_ticks(run)
     both = run.dispense[:-1] & run.dispense[1:]

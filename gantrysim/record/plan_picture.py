@@ -12,7 +12,7 @@ from gantrysim.base.display import svg_picture
 from gantrysim.paths.path import Path
 
 _MOST_POINTS = 800  # of a drawn line
-_PATH = "#8a8f98"
+_FAINT = 0.5  # opacity of the path without glue
 
 
 def plan_picture(path: Path, progress: Floats | None, dispense: NDArray[np.bool_]) -> str:
@@ -29,9 +29,9 @@ def plan_picture(path: Path, progress: Floats | None, dispense: NDArray[np.bool_
     low = line.min(axis=0)
     wide, high = np.maximum(np.ptp(line, axis=0), 1e-3).tolist()
     pixel = max(wide, high) / 320
-    content = _line(line, _PATH, pixel)
+    content = _line(line, pixel, _FAINT)
     if progress is not None:
-        content += "".join(_line(points, "currentColor", 3 * pixel) for points in _glued(path, progress, dispense))
+        content += "".join(_line(points, 3 * pixel) for points in _glued(path, progress, dispense))
     return svg_picture(content, (*low.tolist(), wide, high), "plan view of the setpoints")
 
 
@@ -49,7 +49,7 @@ def _points(path: Path, first: float, last: float, count: int) -> Floats:
     return path.position(np.linspace(first, last, count))[:, :2]
 
 
-def _line(points: Floats, colour: str, width: float) -> str:
+def _line(points: Floats, width: float, opacity: float = 1.0) -> str:
     drawn = " ".join(f"{x:.5g},{y:.5g}" for x, y in points.tolist())
-    stroke = f'stroke="{colour}" stroke-width="{width:.3g}" stroke-linecap="round"'
+    stroke = f'stroke="currentColor" stroke-opacity="{opacity:g}" stroke-width="{width:.3g}" stroke-linecap="round"'
     return f'<polyline points="{drawn}" fill="none" {stroke}/>'

@@ -279,6 +279,7 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or as `gantrysim.render.save_video`.
         """
+        expanded(file)
         basis = self.known_basis("film")
         from gantrysim.render import save_video
 
@@ -343,6 +344,8 @@ class Run(Shown):
         """
         from gantrysim.record.run_file import read_record
 
+        if not isinstance(file, str | os.PathLike):
+            raise wrong_type("file", file, "a path, as text or pathlib.Path")
         try:
             with opened_file(expanded(file)) as stream:
                 return cls(**read_record(stream))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.columns import Column, OptionalColumn, Stored, array_of, blocks, by_blocks, table_by_blocks
 from gantrysim.base.display import Shown, picture_html
-from gantrysim.base.errors import InputError, at_least, positive, whole
+from gantrysim.base.errors import InputError, at_least, check_type, positive, whole, wrong_type
 from gantrysim.base.memory import check_ticks
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
@@ -296,6 +296,9 @@ class Setpoints(Shown):
             axes: names of the axes, the first of x, y, z.
             coordinates: function from arc lengths, (n,), to axis positions, (n, axes); by default points of the path.
         """
+        check_type("path", path, Path, "a Path", "gantrysim.paths has lines, arcs and chains of them")
+        if isinstance(axes, str) or not isinstance(axes, Sequence):
+            raise wrong_type("axes", axes, "names of axes", 'write axes=("x", "y")')
         positive("period", period, "s")
         # the first by its type: whether an object has what the protocol asks for takes longer to find out
         profile = speed if isinstance(speed, (PointToPoint, Profile)) else Constant(path.length, speed)

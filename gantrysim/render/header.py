@@ -120,7 +120,7 @@ def _description(kind: type[Any], names: Sequence[str]) -> str:
 _HEIGHT = 2.9  # of a header with one line of readout, in sizes of its letters
 _WIDTHS = {1: 34, 2: 22}  # by lines of readout, that hold all of it, in sizes of the letters
 _MARK = 1.1  # size of the mark at the worst place, in sizes of the letters
-_MOST_MARK = 0.45  # width of its text, relative to the picture
+_MOST_MARK = 0.5  # width of its text, relative to the picture, up to which it names the quantity
 _CAPTION_HEIGHT = 1.8  # in sizes of its letters
 _LEAST_LETTERS = 10  # size of the letters, unless the panel's are smaller [pixels]
 
@@ -214,8 +214,12 @@ class Caption:
         worst = ""
         if verdict is not None and place is not None:
             check = next(check for row in verdict.rows for check in row.checks if check.place == place)
-            worst = f"{check.quantity} {number_text(check.value, check.form)} {check.unit}".rstrip()
-        self._worst = _line(worst, font(largest), FAULT, int(_MOST_MARK * width))
+            letters = font(largest)
+            worst = f"{number_text(check.value, check.form)} {check.unit}".rstrip()
+            named = f"{check.quantity} {worst}"
+            if letters.width(named) + 2 * letters.margin <= _MOST_MARK * width:
+                worst = named
+        self._worst = _line(worst, font(largest), FAULT, width)
         self._size = round(_MARK * largest)
         self.place = place
 

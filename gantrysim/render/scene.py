@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import unknown
+from gantrysim.engine.arguments import check_argument
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.bead.sweep import SIDES, Mesh, Sweep, faces
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import NEEDLE, NOZZLE, WORK, Machine
 from gantrysim.machine.quiet import quiet
-from gantrysim.record.run import Run
+from gantrysim.record.run import Run, check_run
 from gantrysim.render.colours import BY_WIDTH, PLAIN, Scale, chosen_colour, scale_for, values_along
 from gantrysim.render.workpiece import workpiece
 
@@ -168,6 +169,8 @@ class Scene:
         scale: Scale | None = None,
         in_pieces: bool = False,
     ) -> None:
+        check_argument("machine", machine)
+        check_run(run)
         self.machine = machine
         colour = chosen_colour(colour, [run])
         self.scale = scale_for(colour, [run], [bead]) if scale is None else scale

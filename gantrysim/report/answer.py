@@ -5,16 +5,12 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from gantrysim.report.headline import cause_sentences, glue_sentences, headline
 from gantrysim.results.checks import PASS
 from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import GLUE, PATH
-
-if TYPE_CHECKING:
-    from gantrysim.report.document import Section
 
 
 @dataclass(frozen=True)
@@ -36,19 +32,6 @@ class Remedy:
     options: tuple[str, ...] = ()
     sentence: str = ""
     values: str = ""
-
-
-@dataclass(frozen=True)
-class Changes:
-    """What a search for changes in a job has found.
-
-    Attributes:
-        remedy: in short, for the first screen.
-        section: in full.
-    """
-
-    remedy: Remedy
-    section: Section
 
 
 @dataclass(frozen=True)
@@ -80,6 +63,7 @@ class Answer:
         rows: path, glue, stability and machine.
         spoilt: what spoils the run, in sentences; empty for a run that passes.
         remedy: what to change; None where it has not been looked for.
+        title: the verdict in a few words, without its symbol.
     """
 
     state: str
@@ -87,6 +71,7 @@ class Answer:
     rows: tuple[AnswerRow, ...]
     spoilt: str = ""
     remedy: Remedy | None = None
+    title: str = ""
 
     @classmethod
     def of(cls, results: RunResults, remedy: Remedy | None = None) -> Answer:
@@ -95,7 +80,10 @@ class Answer:
         rows = () if verdict.unjudged else tuple(map(_row, verdict.rows))
         if remedy is None and verdict.state == PASS:
             remedy = Remedy("Nothing: every value keeps its limit.")
-        return cls(verdict.state, verdict.headline, rows, _spoilt(results), remedy)
+        title = verdict.headline.partition(" ")[2]
+        if verdict.unjudged:
+            title = f"{verdict.state}: {'fault' if verdict.fault else 'errors not known'}"
+        return cls(verdict.state, verdict.headline, rows, _spoilt(results), remedy, title)
 
 
 def _row(row: Row) -> AnswerRow:
@@ -108,7 +96,9 @@ def _row(row: Row) -> AnswerRow:
 def _spoilt(results: RunResults) -> str:
     """Return what spoils a run, in sentences."""
     row = results.verdict.worst_row
-    if results.verdict.unjudged or row is None:
+    if results.verdict.unjudged:
+        return results.verdict.unjudged
+    if row is None:
         return ""
     if results.verdict.disturbances:
         return headline(results)

@@ -15,12 +15,14 @@ from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
 
 WIDTH = 1200  # [pixels]
 HEIGHT = 630
 _DPI = 100
 _PICTURE = 0.5  # of the width, for the bead
 _EDGE = 36  # [pixels]
+_LARGE = 20.0  # of type [pt]
 _PAPER = "#ffffff"
 # of the shapes of a verdict's state, which stay without colour
 _MARKERS = {PASS: "o", WARN: "^", FAIL: "s", UNJUDGED: "D"}
@@ -43,10 +45,11 @@ def draw_card(figure: Figure, results: RunResults, answer: Answer) -> None:
     text = _Column(figure, WIDTH * _PICTURE + 10, WIDTH - _EDGE)
     text.add(f"{results.basis.name} on {results.machine.name}", 12, SOFT, after=20)
     text.shape(answer.state, 30)
-    text.add(answer.headline[2:], 24, colour, weight="bold", lines=2, indent=46, after=14)
+    text.add(answer.title, 24, colour, lines=2, indent=46, after=14)
     for row in answer.rows:
         text.shape(row.state, 13)
-        text.add(f"{row.name}: {row.text}", 12, INK, lines=2, indent=26, after=5)
+        where = f", {row.place}" if row.place and row.state != PASS else ""
+        text.add(f"{row.name}: {row.text}{where}", 12, INK, lines=2, indent=26, after=5)
     for title, content, lines in _parts(answer):
         text.space(9)
         text.add(title, 10.5, SOFT, after=2)
@@ -63,10 +66,15 @@ def _parts(answer: Answer) -> list[tuple[str, str, int]]:
     return [part for part in parts if part[1]]
 
 
-def _bar(colour: str):
-    from matplotlib.patches import Rectangle
+def _bar(colour: str) -> Rectangle:
+    from matplotlib.patches import Rectangle  # slow to import
 
     return Rectangle((0, 1 - 8 / HEIGHT), 1, 8 / HEIGHT, color=colour, lw=0)
+
+
+def _weight(size: float) -> str:
+    """Return the weight of letters of a size [pt]: the verdict's are bold."""
+    return "bold" if size > _LARGE else "normal"
 
 
 class _Column:
@@ -74,14 +82,14 @@ class _Column:
 
     Args:
         figure: to draw on.
-        left: of the text [pixels].
-        right: its end.
+        begin: of the text, from the left [pixels].
+        end: of it, likewise.
     """
 
-    def __init__(self, figure: Figure, left: float, right: float) -> None:
+    def __init__(self, figure: Figure, begin: float, end: float) -> None:
         self._figure = figure
-        self._left = left
-        self._right = right
+        self._begin = begin
+        self._end = end
         self._y = HEIGHT - 56.0
 
     def space(self, height: float) -> None:
@@ -91,7 +99,7 @@ class _Column:
         """Draw the shape of a state before the line that follows."""
         marker = _MARKERS[state]
         colour = STATES[state]
-        x = (self._left + 0.5 * size) / WIDTH
+        x = (self._begin + 0.5 * size) / WIDTH
         y = (self._y + 0.32 * size) / HEIGHT
         from matplotlib.lines import Line2D
 
@@ -107,40 +115,44 @@ class _Column:
         text: str,
         size: float,
         colour: str,
-        weight: str = "normal",
         lines: int = 1,
         indent: float = 0,
         after: float = 4,
     ) -> None:
         """Draw a text on so many lines at most, the last one cut where it is longer."""
         height = 1.3 * size * _DPI / 72
-        for line in self._wrapped(text, size, weight, lines, self._right - self._left - indent):
+        for line in self._wrapped(text, size, lines, self._end - self._begin - indent):
             self._figure.text(
-                (self._left + indent) / WIDTH, self._y / HEIGHT, line, fontsize=size, color=colour, weight=weight
+                (self._begin + indent) / WIDTH,
+                self._y / HEIGHT,
+                line,
+                fontsize=size,
+                color=colour,
+                weight=_weight(size),
             )
             self._y -= height
         self._y -= after
 
-    def _wrapped(self, text: str, size: float, weight: str, lines: int, width: float) -> list[str]:
-        found: list[str] = []
+    def _wrapped(self, text: str, size: float, lines: int, width: float) -> list[str]:
+        rows: list[str] = []
         line = ""
         for word in text.split():
             longer = f"{line} {word}".strip()
-            if line and self._wide(longer, size, weight) > width:
-                found.append(line)
+            if line and self._wide(longer, size) > width:
+                rows.append(line)
                 longer = word
             line = longer
-        found.append(line)
-        if len(found) <= lines:
-            return found
-        last = f"{found[lines - 1]} …"
-        while self._wide(last, size, weight) > width:
+        rows.append(line)
+        if len(rows) <= lines:
+            return rows
+        last = f"{rows[lines - 1]} …"
+        while self._wide(last, size) > width:
             last = f"{last[:-2].rpartition(' ')[0]} …"
-        return [*found[: lines - 1], last]
+        return [*rows[: lines - 1], last]
 
-    def _wide(self, text: str, size: float, weight: str) -> float:
+    def _wide(self, text: str, size: float) -> float:
         """Return the width of a line [pixels]."""
-        made = self._figure.text(0, 0, text, fontsize=size, weight=weight)
-        wide = float(made.get_window_extent(self._figure.canvas.get_renderer()).width)
-        made.remove()
+        label = self._figure.text(0, 0, text, fontsize=size, weight=_weight(size))
+        wide = float(label.get_window_extent().width)
+        label.remove()
         return wide

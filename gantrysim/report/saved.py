@@ -59,8 +59,8 @@ class SavedRun:
             InputError: no such folder, no run in it, a record that is damaged or of another format, a job that is not
                 the record's, or a machine that is missing or has other axes now.
         """
+        where = expanded(folder)
         place = Path(folder)
-        where = expanded(place)
         if not where.exists():
             raise InputError(f"run {place}: no such folder; gantrysim run JOB --out {place} makes one")
         if not where.is_dir():

@@ -32,7 +32,7 @@ from gantrysim.record.run import Run
 from gantrysim.report.encoding import MOST_ROWS, encoded_ascending, encoded_numbers, encoded_runs, shown_rows
 from gantrysim.report.plots.plan import magnification
 from gantrysim.report.plots.style import COLOURS, DASHES
-from gantrysim.results.checks import FAIL
+from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.dots import DotVerdict
 from gantrysim.results.run_results import RunResults
 
@@ -296,6 +296,7 @@ class ViewerData:
             "program": _listing(self._program_text, lines),
             "magnification": magnification(self.results.budget.analysis),
             "worst": self._worst_row,
+            "passes": verdict.state == PASS,
             "shown": verdict.shown_row,
             "path_tolerance": _UM * self._tolerance.path_max,
             "width": None if bead is None else float(bead.nominal_section.width[0]),

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from gantrysim.base.errors import expanded
 from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.glue.bead import Bead
 from gantrysim.job.basis import Basis
@@ -15,8 +16,9 @@ from gantrysim.job.losses import Losses
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
-from gantrysim.report.answer import Answer, Changes
+from gantrysim.report.answer import Answer
 from gantrysim.report.card import save_card
+from gantrysim.report.changes import Changes
 from gantrysim.report.figures import figures_ahead
 from gantrysim.report.folder import CARD, PLOTS, REPORT, output_folder, write_fault, write_run, write_summary
 from gantrysim.report.page import run_page, sections_with_figures
@@ -52,6 +54,8 @@ def write_report(
     Raises:
         InputError: the folder cannot be written, or the dispenser is never on in a run without a fault.
     """
+    # checked as written, and shown so
+    expanded(folder)
     target = Path(folder)
     with output_folder(target) as scratch, shown_progress("report", progress) as advance:
         if run.fault is not None and not run.dispense.any():

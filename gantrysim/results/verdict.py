@@ -13,7 +13,7 @@ from gantrysim.base.quantity import MAX, P95
 from gantrysim.engine.recording import dispenser_loads
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.dispenser.driven import Load
-from gantrysim.job.basis import Basis
+from gantrysim.job.basis import Basis, check_basis
 from gantrysim.job.lines import program_lines
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.job.steps import lost_steps
@@ -23,7 +23,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.metrics.parts import PartValues
-from gantrysim.record.run import Run
+from gantrysim.record.run import Run, check_run
 from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, worst
 from gantrysim.results.glue import GLUE, glue_row
 from gantrysim.results.row import Row
@@ -70,6 +70,8 @@ class Verdict(Shown):
         Raises:
             InputError: the dispenser is never on in a run without a fault.
         """
+        check_basis(job)
+        check_run(run)
         if run.fault is not None:
             return cls.of_fault(run)
         analysis = Analysis(run)

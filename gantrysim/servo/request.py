@@ -9,7 +9,7 @@ from functools import cached_property
 from inspect import signature
 from typing import Any, NamedTuple
 
-from gantrysim.base.errors import InputError, at_least, between, finite, positive, unknown_text, whole
+from gantrysim.base.errors import InputError, at_least, between, finite, positive, unknown_text, whole, wrong_type
 from gantrysim.servo.axis_dynamics import AxisDynamics, Lags
 from gantrysim.servo.axis_loop import LoopTask
 from gantrysim.servo.drive_settings import (
@@ -164,6 +164,9 @@ class ServoRequest:
         if not self.axes:
             raise InputError("a servo must have at least one axis")
         check_period(self.period)
+        for name in ("frequency", "velocity_bandwidth"):
+            if getattr(self, name) is not None:
+                finite(name, getattr(self, name), "Hz")
         damping = between("damping", self.damping, *DAMPINGS)
         feedforward = at_least("feedforward", self.feedforward, 0)
         time = self.integral_time
@@ -273,7 +276,11 @@ def axes_of(axes: Any) -> tuple[AxisDynamics, ...]:
         raise InputError(
             f"axes is of type {type(axes).__name__}: must be the axes of a machine; write Servo.derive(machine.axes)"
         )
-    return tuple(axes)
+    given = tuple(axes)
+    for axis in given:
+        if not hasattr(axis, "inertia"):
+            raise wrong_type("axis", axis, "an axis of a machine", "write Servo.derive(machine.axes)")
+    return given
 
 
 # What a servo is made of, axis by axis, and its values by the keys of a job file.

@@ -46,7 +46,8 @@ def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeyp
     assert compared["verdicts"][1] == promised.headline
     page = Page(tmp_path / "compared" / "report.html")
     page.check()
-    assert page.sections[:3] == ["summary", "what-to-change", "beads-and-errors"]
+    assert page.sections[:2] == ["summary", "what-to-change"]
+    assert "beads-and-errors" in page.sections[:4]
     assert "--set dispenser.flow=0.0" in page.section("what-to-change")
     assert all(letters(line) in letters(after) for line in promised.lines)
     status, ran, _ = gantrysim_command(

@@ -63,7 +63,8 @@ def test_a_check_of_every_run_stands_beside_the_others():
 def test_a_larger_value_is_better_where_it_must_be_at_least():
     change = change_of(0.5, 0.4, 0.8, at_least=True)
     assert [change.judgement(run) for run in range(3)] == ["same", "better", "worse"]
-    assert change.change_text(1) == "+1.00 ▲ better"
+    assert change.change_text(1) == "+1.00"  # neither is near the limit
+    assert change_of(0.5, 0.9, at_least=True).change_text(1).endswith(" ▼ worse")
     assert change.limit == "at least 2.00"
 
 
@@ -114,7 +115,7 @@ def test_a_change_of_any_later_run_counts():
         (1.0, 1999.9, "+1 (+0.1 %)"),
         (-1.0, -20.0, "+1 (-5.0 %)"),
         (1.0, 10.01, "+1 (+10.0 %)"),
-        (1.0, 9.99, "+1 (+10 %)"),
+        (1.0, 9.99, "+1"),  # one digit is nothing to take a share of
         (1.0, 0.0, "+1"),
     ],
 )

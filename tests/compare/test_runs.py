@@ -354,3 +354,26 @@ def test_a_summary_that_is_none_is_no_summary(folders, tmp_path, kind):
         file.write_text('{"causes": {}, "long": "' + "x" * (1 << 24) + '"}')
     comparison = compare_runs(SavedRun.load(folder), SavedRun.load(folders[1]))
     assert comparison.causes == {}
+
+
+def test_the_answer_and_what_decides_fit_on_one_screen(gantrysim_command, comparison, folders, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    before, after = folders
+    status, text, _ = gantrysim_command("compare", before, after, "--out", tmp_path / "screen")
+    assert status == 0
+    assert len(text.splitlines()) <= 30
+    assert "checks that a run does not pass" in text
+    assert "worth of causes" not in text
+    _, whole, _ = gantrysim_command("compare", before, after, "--out", tmp_path / "whole", "-v")
+    assert len(whole.splitlines()) > 30
+    assert "worth of causes" in whole or not any(run.results.causes for run in comparison.runs)
+    assert all(set(value.known.quantity.split()) <= set(whole.split()) for value in comparison.checks)
+
+
+def test_the_overlay_begins_where_the_first_run_is_worst_by_its_verdict(comparison):
+    overlay = OverlayData(comparison)
+    verdict = comparison.verdicts[0]
+    assert verdict.worst_row is not None
+    row = overlay.content()["worst"]
+    _, (first, _) = overlay.columns()
+    assert first["time"][row] == pytest.approx(verdict.worst_place.time, abs=2 * PERIODS[0])

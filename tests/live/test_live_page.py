@@ -13,7 +13,7 @@ from gantrysim.report.writing import results_of
 
 from support.browser import chromium
 
-PATIENCE = 120.0  # [s]
+PATIENCE = 60.0  # [s]
 TEXT = """G21 G90 G64 P0.02
 F6000
 G0 X5 Y0
@@ -49,6 +49,11 @@ const slider = document.querySelector(`input[type="range"][data-key="${arguments
 slider.value = arguments[1];
 slider.dispatchEvent(new Event("input", { bubbles: true }));
 slider.dispatchEvent(new Event("change", { bubbles: true }));
+"""
+OPEN = """
+const jobs = document.getElementById("jobs");
+jobs.value = JSON.stringify({ kind: "folder", name: arguments[0] });
+jobs.dispatchEvent(new Event("change"));
 """
 TYPE = """
 const area = document.querySelector("textarea");
@@ -202,6 +207,22 @@ def test_the_cursor_marks_the_line_and_a_line_its_path(page):
     assert page.browser.text('.readout output[data-name="time"]') != "NaN s"
 
 
+def test_a_drag_moves_the_part(page):
+    page.changed(DROP, "part.ngc", TEXT)
+    place = slid(page, "program.placement.x")
+    page.browser.run("[...document.querySelectorAll('.choices button')].at(-1).click()")
+    left, top, width, height = page.browser.box(".bead .surface")
+    number = page.number
+    middle = (left + 0.5 * width, top + 0.5 * height)
+    page.browser.drag(middle, (middle[0] + 60, middle[1]))
+    page.until(f"Number({BENCH}.dataset.number) > {number} && {WHOLE}")
+    moved = slid(page, "program.placement.x")
+    assert moved > place + 1.0
+    page.changed("document.querySelector('[data-do=\"undo\"]').click()")
+    assert slid(page, "program.placement.x") == place
+
+
+@pytest.mark.soak
 def test_a_lost_server_is_said(browser, folder):
     served = Served(browser, folder, "part.ngc")
     served.open()
@@ -216,3 +237,33 @@ def test_a_lost_server_is_said(browser, folder):
     assert "server is gone" in browser.text("#lost")
     browser.driver.get("about:blank")
     browser.messages()
+
+
+@pytest.mark.soak
+def test_what_to_change_is_stopped_and_tried(page):
+    page.changed(OPEN, "short.toml")
+    page.browser.run("document.querySelector('[data-do=\"improve\"]').click()")
+    page.until("!document.getElementById('work').hidden")
+    page.browser.run("document.querySelector('[data-do=\"stop\"]').click()")
+    page.until("document.getElementById('work').hidden")
+    assert page.browser.run("return document.querySelector('[data-proposal]')") is None
+    page.browser.run("document.querySelector('[data-do=\"improve\"]').click()")
+    page.until("document.querySelector('[data-proposal]') && document.getElementById('work').hidden")
+    cells = "[...document.querySelectorAll('#proposals tbody tr:first-child td')]"
+    promised = page.browser.run(f"return {cells}.slice(0, 4).map((cell) => cell.textContent)")
+    page.changed("document.querySelector('[data-proposal]').click()")
+    assert all(float(usage.removesuffix(" %")) <= 100 for usage in promised)
+    assert page.browser.run("return document.querySelectorAll('#verdict .row.is-fail').length") == 0
+
+
+@pytest.mark.soak
+def test_every_control_moves_the_job(page):
+    before = page.texts()
+    sliders = "[...document.querySelectorAll('input[type=range]')]"
+    keys = page.browser.run(f"return {sliders}.map((slider) => slider.dataset.key)")
+    assert len(keys) > 10
+    for key in keys:
+        page.changed(SLIDE, key, 480 if key != "program.acceleration" else 520)
+        assert not page.browser.run("return document.getElementById('refused').textContent"), key
+        page.changed("document.querySelector('[data-do=\"undo\"]').click()")
+    assert page.texts() == before

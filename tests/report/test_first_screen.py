@@ -12,8 +12,9 @@ import pytest
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.report.answer import Answer, Changes, Remedy
+from gantrysim.report.answer import Answer, Remedy
 from gantrysim.report.card import HEIGHT, WIDTH, save_card
+from gantrysim.report.changes import Changes
 from gantrysim.report.document import Section
 from gantrysim.report.page import run_page
 from gantrysim.results.run_results import RunResults
@@ -69,6 +70,7 @@ def test_it_answers_without_scrolling(page, results):
     assert max(bottoms) <= 800
     assert page.run("return document.documentElement.scrollTop") == 0
     text = " ".join(page.text(".answer").split())
+    assert Answer.of(results).title == results.verdict.headline[2:]
     assert results.verdict.headline[2:] in text
     for row in results.verdict.rows:
         assert row.name in text

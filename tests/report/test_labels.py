@@ -67,3 +67,19 @@ def test_labels_that_are_spoilt_are_found(browser, tmp_path, style, fault):
     browser.open(tmp_path / "report.html", NARROW, 800)
     found = label_faults(browser, LEAST)
     assert any(text.startswith(fault) for text in found), found
+
+
+def test_texts_on_canvases_are_seen(browser, tmp_path):
+    job = viewer_job()
+    run = job.run()
+    bead = Bead(run, job.bead, Analysis(run))
+    write_run_page(tmp_path / "report.html", RunResults(job, job.built_machine, Budget(bead.analysis), bead))
+    browser.open(tmp_path / "report.html", 1280, 800)
+    draw = "document.querySelector('.stage canvas').getContext('2d').fillText(...arguments)"
+    for place in (["out", -9, 40], ["first", 99, 99], ["second", 102, 101]):
+        browser.run(draw, *place)
+    found = label_faults(browser)
+    assert [text.partition(" in ")[0] for text in found] == [
+        "leaves its picture: out",
+        "over one another: first | second",
+    ]

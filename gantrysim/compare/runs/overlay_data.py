@@ -98,6 +98,16 @@ class OverlayData:
         places = [track.place[rows] for track, rows in zip(self.comparison.tracks, shown, strict=True)]
         return all(np.array_equal(places[0], other) for other in places[1:]) and bool(np.all(np.diff(places[0]) > 0))
 
+    def _worst_row(self, places: Floats) -> int | None:
+        """Return the row where the first run is worst by its verdict; None where it passes, or no place is known."""
+        verdict = self.comparison.verdicts[0]
+        place = verdict.worst_place
+        if verdict.worst_row is None or place is None or place.time is None:
+            return None
+        track = self.comparison.tracks[0]
+        times = self.comparison.runs[0].analysis.run.time[track.ticks]
+        return int(np.abs(places - track.place[np.abs(times - place.time).argmin()]).argmin())
+
     def content(self) -> dict[str, Any]:
         """Return what the viewer reads: columns, runs, quantities, nominal values and tolerances."""
         comparison = self.comparison
@@ -110,6 +120,7 @@ class OverlayData:
                     coded[f"{name}.{number}"] = encoded_numbers(values)
         return {
             "rows": int(places.size),
+            "worst": self._worst_row(places),
             "by_path": comparison.by_path,
             "columns": coded,
             "runs": [

@@ -3,14 +3,16 @@
 import { element, toggle } from "../../report/web/dom.js";
 
 const STEPS = 1000; // of a slider
+const PLACE = ["program.placement.x", "program.placement.y"];
 const HEADS = { machine: "Machine", program: "Program", servo: "Servo", glue: "Glue", placement: "Placement" };
 
 export class Controls {
   /** @param place element; @param changed called with values by key, and whether a slider is being dragged */
   constructor(place, changed) {
-    this.place = place;
+    this.box = place;
     this.changed = changed;
     this.rows = new Map();
+    this.controls = new Map();
     this.shape = "";
   }
 
@@ -20,6 +22,22 @@ export class Controls {
     if (shape !== this.shape) this._build(controls);
     this.shape = shape;
     for (const control of controls) this.rows.get(control.key).set(control.value);
+    this.controls = new Map(controls.map((control) => [control.key, control]));
+  }
+
+  /** The placement of the part, null where the job has none. */
+  place() {
+    const [x, y] = PLACE.map((key) => this.controls.get(key)?.value);
+    return x === undefined || y === undefined ? null : { x, y };
+  }
+
+  /** Move the part, within its bounds. */
+  move(x, y, dragging) {
+    const values = [x, y].map((value, k) => {
+      const { low, high } = this.controls.get(PLACE[k]);
+      return Number(clipped(value, low, high).toFixed(2));
+    });
+    this.changed(Object.fromEntries(PLACE.map((key, k) => [key, values[k]])), dragging);
   }
 
   _build(controls) {
@@ -33,7 +51,7 @@ export class Controls {
       this.rows.set(control.key, row);
       groups.get(control.group).append(row.element);
     }
-    this.place.replaceChildren(...groups.values());
+    this.box.replaceChildren(...groups.values());
   }
 
   _reset(control) {

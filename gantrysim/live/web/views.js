@@ -6,7 +6,7 @@ import { ComparedReadout } from "../../report/web/comparedreadout.js";
 import { ComparedStrips } from "../../report/web/comparison.js";
 import { Cursor } from "../../report/web/cursor.js";
 import { nearest, RunData } from "../../report/web/data.js";
-import { element } from "../../report/web/dom.js";
+import { element, toggle } from "../../report/web/dom.js";
 import { regionOf } from "../../report/web/map.js";
 import { Overlay } from "../../report/web/overlay.js";
 import { Plan } from "../../report/web/plan.js";
@@ -16,10 +16,16 @@ import { Strips } from "../../report/web/strips.js";
 const BOTH = "both";
 
 export class Views {
-  /** @param places elements for readout, views and strips; @param lineAt called with the program's line at the cursor */
-  constructor(places, lineAt) {
+  /**
+   * @param places elements for readout, views and strips; @param lineAt called with the program's line at the cursor;
+   * @param placing has the placement of the part, null for none, and moves it
+   */
+  constructor(places, lineAt, placing) {
     this.places = places;
     this.lineAt = lineAt;
+    this.placing = placing;
+    this.moving = false; // whether a drag moves the part
+    this.held = false; // while it does
     this.choice = "bead";
     this.shape = "";
   }
@@ -60,6 +66,8 @@ export class Views {
       if (data.width || data.dots.length) this.views.unshift(new BeadMap(data, cursor, region));
       cursor.onMove((row) => this.lineAt(data.column.line[row]));
     }
+    this.moving = false;
+    for (const { map } of this.views) this._movable(map);
     this.places.readout.replaceChildren(this.readout.element);
     this.places.views.replaceChildren(...this._choices(), ...this.views.map((view) => view.element));
     this.places.strips.replaceChildren(this.strips.element);
@@ -73,7 +81,7 @@ export class Views {
     const wasWorst = cursor.row === data.worst && !cursor.pinned;
     const place = places[Math.min(cursor.row, places.length - 1)];
     data.load(content);
-    this.region.box = this._region().box; // drawn below, with the scales of the new data
+    if (!this.held) this.region.box = this._region().box; // drawn below, with the scales of the new data
     cursor.resize(data.rows, wasWorst ? data.worst : nearest(this._along(), place));
     for (const view of [...this.views, this.strips]) view.update();
   }
@@ -93,15 +101,55 @@ export class Views {
     return regionOf([data.column.x, data.requested.x], [data.column.y, data.requested.y], widest);
   }
 
+  /** Let a drag on a map move the part, where that is chosen; the map stands still meanwhile. */
+  _movable(map) {
+    const { surface } = map;
+    let from = null;
+    const move = (event, dragging) => {
+      if (!from) return;
+      event.stopImmediatePropagation();
+      const x = from.place.x + (event.clientX - from.x) / from.scale;
+      const y = from.place.y - (event.clientY - from.y) / from.scale;
+      if (!dragging) this.held = false;
+      this.placing.move(x, y, dragging);
+      if (!dragging) from = null;
+    };
+    const options = { capture: true }; // before the map's own gestures
+    surface.addEventListener(
+      "pointerdown",
+      (event) => {
+        const place = this.placing.place();
+        if (!this.moving || event.button || !place) return;
+        event.stopImmediatePropagation();
+        event.preventDefault();
+        surface.setPointerCapture(event.pointerId);
+        from = { x: event.clientX, y: event.clientY, scale: map.scale, place };
+        this.held = true;
+      },
+      options,
+    );
+    surface.addEventListener("pointermove", (event) => move(event, true), options);
+    for (const name of ["pointerup", "pointercancel"]) surface.addEventListener(name, (event) => move(event, false), options);
+  }
+
+  _mover() {
+    if (!this.placing.place()) return [];
+    const changed = (on) => {
+      this.moving = on;
+      for (const { map } of this.views) map.surface.classList.toggle("moving", on);
+    };
+    return [toggle("Move part", false, changed, { title: "drag the part to another place; the sliders x and y do the same" })];
+  }
+
   _choices() {
-    if (this.views.length < 2) return [];
+    if (this.views.length < 2) return [element("div", { class: "choices" }, ...this._mover())];
     const names = { bead: "Bead", plan: "Path error", [BOTH]: "Both" };
     this.buttons = Object.entries(names).map(([name, label]) => {
       const button = element("button", { type: "button", "data-view": name }, label);
       button.addEventListener("click", () => this._choose(name));
       return button;
     });
-    return [element("div", { class: "choices", role: "group", "aria-label": "View" }, ...this.buttons)];
+    return [element("div", { class: "choices", role: "group", "aria-label": "View" }, ...this.buttons, ...this._mover())];
   }
 
   _choose(name) {

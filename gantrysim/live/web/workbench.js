@@ -20,14 +20,14 @@ class Workbench {
     this.head = null;
     this.waiting = false; // for the answer to a slider, until which the next value waits
     this.next = null;
-    this.bytes = 0;
-    this.views = new Views({ readout: at("readout"), views: at("views"), strips: at("strips") }, (line) => this.editor.setLine(line));
+    this.controls = new Controls(at("controls"), (values, dragging) => this.set(values, dragging));
+    const places = { readout: at("readout"), views: at("views"), strips: at("strips") };
+    this.views = new Views(places, (line) => this.editor.setLine(line), this.controls);
     this.editor = new Editor(
       { choices: at("texts"), title: at("program-title"), editor: at("editor") },
       (kind, text) => this.order({ do: kind, text }),
       (line) => this.views.chooseLine(line),
     );
-    this.controls = new Controls(at("controls"), (values, dragging) => this.set(values, dragging));
     this.link = new Link({
       found: () => this.connected(true),
       lost: () => this.connected(false),
@@ -125,7 +125,6 @@ class Workbench {
   }
 
   result(head, content, bytes) {
-    this.bytes = bytes;
     this.head = head;
     this.shown = head.number;
     this.refused(null);
@@ -133,6 +132,7 @@ class Workbench {
     document.title = `${head.headline.slice(0, 1)} ${head.name}, gantrysim live`;
     this.views.show(content);
     at("bench").dataset.engine = head.engine;
+    at("bench").dataset.bytes = bytes;
     at("bench").dataset.number = head.number;
     performance.mark("result-shown");
     this.paintStale();

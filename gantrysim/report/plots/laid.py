@@ -95,15 +95,14 @@ def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float
     shades = []
     normal = np.stack([-np.sin(bead.heading), np.cos(bead.heading)], axis=1)
     half = 0.5 * bead.width[:, None] * normal
-    left = bead.point[:, :2] + half
-    right = bead.point[:, :2] - half
+    edges = bead.point[:, :2] + half, bead.point[:, :2] - half
     for first, after in bead.wet_stretches.tolist():
         for begin in range(first, after - 1, step):
             end = min(begin + step, after - 1)
             inside = slice(begin, end + 1)
             if bead.width[inside].max() < _DRY * nominal:
                 continue
-            polygons.append(np.concatenate([left[inside], right[inside][::-1]]))
+            polygons.append(np.concatenate([edges[0][inside], edges[1][inside][::-1]]))
             piece = values[inside]
             shades.append(piece[np.abs(piece).argmax()])
     collection = PolyCollection(
@@ -112,7 +111,7 @@ def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float
         cmap=colour_map(scale),
         clim=(0, 1),
         edgecolors="face",
-        linewidths=0.3,
+        linewidths=0.8,
         zorder=2,
         rasterized=True,
     )
@@ -140,8 +139,9 @@ def _colouring(results: RunResults, bead: Bead, nominal: float) -> tuple[Floats,
 def _add_scale(axes: Axes, collection: PolyCollection, ends: tuple[str, str, str], text_size: float) -> None:
     title, low, high = ends
     bar = axes.inset_axes((0.36, -0.045, 0.28, 0.022))
-    made = axes.figure.colorbar(collection, cax=bar, orientation="horizontal", ticks=[])
-    made.solids.set_rasterized(True)
+    scale = axes.figure.colorbar(collection, cax=bar, orientation="horizontal", ticks=[])
+    if scale.solids is not None:
+        scale.solids.set_rasterized(True)
     for text, place, align in ((low, (-0.03, 0.5), "right"), (high, (1.03, 0.5), "left")):
         bar.text(*place, text, transform=bar.transAxes, ha=align, va="center", fontsize=text_size)
     bar.text(0.5, -0.6, title, transform=bar.transAxes, ha="center", va="top", fontsize=text_size)

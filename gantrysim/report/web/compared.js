@@ -22,7 +22,7 @@ export class ComparedData {
     );
     this.along = this.column.place;
     this.off = [];
-    this.worst = this._worst();
+    this.worst = content.worst ?? this._worst(); // of the first run, by its verdict
     this.requested = content.runs.map((run, k) => {
       const [x, y, dx, dy] = ["x", "y", "dx", "dy"].map((name) => this.column[`${name}.${k}`]);
       return { x: x.map((value, row) => value - dx[row]), y: y.map((value, row) => value - dy[row]) };

@@ -164,10 +164,11 @@ export class Labels {
     context.lineTo(px - 5, py - 14);
     context.lineTo(px + 5, py - 14);
     context.closePath();
-    Object.assign(context, { strokeStyle: colours.alarm, lineWidth: 2 });
+    const ink = data.passes ? colours.ink : colours.alarm;
+    Object.assign(context, { strokeStyle: ink, lineWidth: 2 });
     context.stroke();
     const places = [[px + 9, py - 11, "left"], [px - 9, py - 11, "right"], [px, py - 24, "center"]];
-    this._text("worst", places, { fillStyle: colours.alarm, always: true });
+    this._text("worst", places, { fillStyle: ink, always: true });
     for (const mark of marks) this._text(...mark);
   }
 

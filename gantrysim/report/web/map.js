@@ -178,11 +178,12 @@ export class PlanMap {
     context.lineTo(px - 0.6 * WORST, py - 6 - WORST);
     context.lineTo(px + 0.6 * WORST, py - 6 - WORST);
     context.closePath();
-    Object.assign(context, { fillStyle: colours.alarm, strokeStyle: colours.paper, lineWidth: 1.5 });
+    const ink = this.data.passes ? colours.ink : colours.alarm;
+    Object.assign(context, { fillStyle: ink, strokeStyle: colours.paper, lineWidth: 1.5 });
     context.fill();
     context.stroke();
     const places = [[px + WORST, py - 12, "left"], [px - WORST, py - 12, "right"], [px, py - 26, "center"]];
-    this.texts.write(text, places, { fillStyle: colours.alarm, halo: colours.paper, always: true });
+    this.texts.write(text, places, { fillStyle: ink, halo: colours.paper, always: true });
   }
 
   /** Draw the cursor, and the box of a drag. */

@@ -18,7 +18,7 @@ export class ScaleBar {
     const { data, bar } = this;
     const stops = byWidth ? theme().widths : theme().shares;
     const limit = byWidth ? data.width_tolerance : data.path_tolerance;
-    const end = digits(endOf(stops) * limit);
+    const end = Number(digits(endOf(stops) * limit)); // without zeros at its end
     this.low.textContent = byWidth ? `−${end} %` : "0";
     this.high.textContent = byWidth ? `+${end} %` : `${end} µm`;
     bar.className = `ramp ${byWidth ? "width" : "share"}`;

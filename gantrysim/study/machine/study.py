@@ -7,6 +7,7 @@ from functools import cached_property
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, whole
+from gantrysim.job.job import check_job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.study.acceptance import Acceptance, Criterion, JobCriterion, Scope, ToleranceStudy
@@ -42,6 +43,7 @@ class MachineStudy(ToleranceStudy):
     plots = ("yield", "influence", "scatter")
 
     def __post_init__(self) -> None:
+        check_job(self.job)
         whole("seed", self.seed, 0)
         _ = self.criterion
         if not self.spread.columns(self.job.built_machine):

@@ -12,7 +12,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, whole
 from gantrysim.engine.simulate import simulate
-from gantrysim.job.job import Job
+from gantrysim.job.job import Job, check_job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics import Positioning, RepeatedPath, interpolated, offset_over_length
 from gantrysim.metrics.analysis import Analysis
@@ -245,6 +245,7 @@ class RepeatStudy(Study):
     plots = ("along", "plan")
 
     def __post_init__(self) -> None:
+        check_job(self.job)
         if whole("repeats", self.repeats, 2) > _MOST_REPEATS:
             raise InputError(f"repeats = {self.repeats}: must be at most {_MOST_REPEATS}")
         whole("places", self.places, 2)

@@ -13,7 +13,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import at_least
-from gantrysim.job.job import Job
+from gantrysim.job.job import Job, check_job
 from gantrysim.study.acceptance import Acceptance, Criterion, JobCriterion, Scope, ToleranceStudy
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.runner import Measure
@@ -175,6 +175,7 @@ class SpeedStudy(ToleranceStudy):
     plots = ("speed", "links")
 
     def __post_init__(self) -> None:
+        check_job(self.job)
         _ = self.criterion, self.programmed_speed
         # or the bracket could not be that narrow
         at_least("resolution", self.resolution, 10.0 ** (1 - SPEED_DIGITS))

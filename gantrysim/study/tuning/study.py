@@ -13,6 +13,7 @@ from gantrysim.base.errors import InputError, positive, unknown, whole
 from gantrysim.engine.linear import Engine, difference_note
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import simulate
+from gantrysim.job.job import check_job
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
@@ -95,6 +96,7 @@ class TuningStudy(Study):
     plots = ("path", "budget", "search", "gains", "loop", "machines")
 
     def __post_init__(self) -> None:
+        check_job(self.job)
         if self.law is not None and self.law not in SPACES:
             raise unknown("law", self.law, SPACES)
         if self.metric not in METRICS:

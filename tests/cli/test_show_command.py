@@ -1,0 +1,84 @@
+"""`gantrysim show`: what a run has found, from the files in its folder."""
+
+import json
+import shutil
+
+import pytest
+
+from gantrysim import Job
+from gantrysim.cli.show import ASPECTS
+from gantrysim.report.folder import output_folder, write_run
+from gantrysim.report.writing import results_of
+
+SMALL = ("diameter=40", "turns=1", "thickness=5")
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """The folder of a small run with causes, as `gantrysim run` writes it."""
+    job = Job.load("an225", SMALL)
+    folder = tmp_path_factory.mktemp("shown") / "out"
+    with output_folder(folder) as scratch:
+        write_run(scratch, results_of(job, job.run()))
+    return folder
+
+
+@pytest.fixture
+def show(gantrysim_command, monkeypatch):
+    """What `gantrysim show` prints, with a run or a search for causes being a failure."""
+    monkeypatch.setattr(Job, "run", lambda *_, **__: pytest.fail("simulated"))
+    return lambda *words: gantrysim_command("show", *words)
+
+
+def test_without_an_aspect_the_answer_is_shown(show, saved):
+    status, printed, _ = show(saved)
+    assert status == 0
+    summary = json.loads((saved / "summary.json").read_text())
+    assert printed.startswith(f"verdict {summary['verdict']['headline']}\n")
+    assert summary["headline"] in " ".join(printed.split())
+
+
+@pytest.mark.parametrize(
+    ("aspect", "words"),
+    [
+        ("verdict", "(default)"),
+        ("budget", "requested path to nozzle"),
+        ("figures", "following error x"),
+        ("causes", "the command follows the requested path exactly"),
+        ("glue-causes", "the nozzle passes all of its path at one speed"),
+        ("notes", "servo: natural frequency"),
+        ("levers", "none, gantrysim run --improve simulates them"),
+        ("scatter", "none, gantrysim run --repeat 16 finds it"),
+        ("faults", "none, the job has no deliberate faults"),
+    ],
+)
+def test_an_aspect_is_shown_as_the_run_found_it(show, saved, monkeypatch, aspect, words):
+    monkeypatch.setenv("COLUMNS", "200")
+    status, printed, _ = show(saved, aspect)
+    assert status == 0
+    assert words in printed
+    assert all(line == line.rstrip() for line in printed.splitlines())
+
+
+def test_all_shows_what_there_is(show, saved):
+    _, printed, _ = show(saved, "all")
+    assert "Causes" in printed
+    assert "none, " not in printed
+    assert set(ASPECTS) > {"levers", "scatter"}
+
+
+def test_bad_aspects_and_folders_are_one_line(show, saved, tmp_path):
+    status, printed, error = show(saved, "budgets")
+    assert (status, printed) == (2, "")
+    assert "unknown aspect of a run 'budgets': did you mean budget?" in error
+    assert show(tmp_path / "nothing")[0] == 2
+    older = tmp_path / "older"
+    shutil.copytree(saved, older)
+    summary = json.loads((older / "summary.json").read_text())
+    del summary["sections"]
+    (older / "summary.json").write_text(json.dumps(summary))
+    status, _, error = show(older)
+    assert status == 2
+    assert "written by an earlier version" in error
+    (older / "summary.json").unlink()
+    assert "summary.json is missing" in show(older)[2]
