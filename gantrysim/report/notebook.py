@@ -16,7 +16,7 @@ with extra("notebook", "run.view"):
     import traitlets
 
 
-class RunView(anywidget.AnyWidget):  # type: ignore[misc]  # anywidget has no types
+class RunView(anywidget.AnyWidget):
     """A run's verdict with its viewer: bead, path, strips and program on one cursor.
 
     Attributes:

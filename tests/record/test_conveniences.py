@@ -11,6 +11,7 @@ import pytest
 
 import gantrysim as gs
 from gantrysim.base import progress as bars
+from gantrysim.results.colours import SHARE
 
 from support.jobs import job_run
 
@@ -136,7 +137,8 @@ def test_the_figure_shows_plan_and_budget(run):
     titles = [axes.get_title() for axes in figure.axes]
     assert titles[0] == "Plan view, machine xy"
     (coloured,) = figure.axes[0].collections
-    assert coloured.get_array().max() == pytest.approx(1e3 * run.budget.values.contour.max, rel=1e-3)
+    share = run.budget.values.contour.max / run.job.limits(run.face).path_max
+    assert coloured.get_array().max() == pytest.approx(SHARE.places(share), rel=1e-3)
     assert figure._repr_png_().startswith(b"\x89PNG")
 
 
