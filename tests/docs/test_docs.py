@@ -82,12 +82,18 @@ EXAMPLES = {
 }
 
 
-@pytest.mark.parametrize("name", [name for name, examples in EXAMPLES.items() if examples])
-def test_the_python_blocks_of_a_page_run_in_a_fresh_process(name, fresh, tmp_path):
-    steps = [("python", shortened(block.text)) for block in EXAMPLES[name]]
-    for block, printed in zip(EXAMPLES[name], run_in_turn(fresh, tmp_path, steps), strict=True):
-        assert printed.error == "", block.text
-        assert_printed(block.output, printed.output)
+def test_the_python_blocks_of_the_pages_run(fresh, tmp_path):
+    """Page after page in one process, each with names of its own: imports and compiled functions are loaded once."""
+    steps = []
+    for name, examples in EXAMPLES.items():
+        steps += [("page", name), *(("python", shortened(block.text)) for block in examples)]
+    printed = iter(run_in_turn(fresh, tmp_path, steps))
+    for name, examples in EXAMPLES.items():
+        next(printed)
+        for block in examples:
+            output, error = next(printed)
+            assert error == "", (name, block.text)
+            assert_printed(block.output, output)
 
 
 def test_what_is_shortened_stands_on_a_page():

@@ -92,8 +92,9 @@ def run_in_turn(fresh, folder, steps):
     Args:
         fresh: fresh processes, see `support.fresh`.
         folder: where they run.
-        steps: each a tuple: "python" and code, which sees the names of the code before it; "command" and the words of
-            `gantrysim`; "script" and a file with its arguments; "file", a name and the text that it is given.
+        steps: each a tuple: "page" and the name of a page that begins, with names of its own; "python" and code, which
+            sees the names of the code before it; "command" and the words of `gantrysim`; "script" and a file with its
+            arguments; "file", a name and the text that it is given.
 
     Returns:
         What each step printed.
@@ -117,15 +118,17 @@ import sys
 from pathlib import Path
 
 os.environ["COLUMNS"] = "{_WIDTH}"
-names = {{"__name__": "__main__"}}
+names, page = {{"__name__": "__main__"}}, "example"
 for kind, *what in json.loads(sys.argv[1]):
     for stream in (sys.stdout, sys.stderr):
         stream.write({_MARK!r})
         stream.flush()
-    if kind == "file":
+    if kind == "page":
+        names, page = {{"__name__": "__main__"}}, what[0]
+    elif kind == "file":
         Path(what[0]).write_text(what[1], encoding="utf-8")
     elif kind == "python":
-        exec(compile(what[0], "example", "exec"), names)
+        exec(compile(what[0], page, "exec"), names)
         assert names["run"].fault is None if "run" in names else True
     else:
         sys.argv[1:] = what[kind == "script" :]
