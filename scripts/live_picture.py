@@ -35,7 +35,7 @@ def wait(browser, number):
 
 
 def main():
-    command = [sys.executable, "-m", "gantrysim", "live", str(ROOT / "examples" / "seal.ngc"), "--no-browser"]
+    command = [sys.executable, "-m", "gantrysim", "live", "an225", "--no-browser"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         address = re.search(r"http://\S+", server.stdout.readline())[0]

@@ -200,7 +200,7 @@ def test_the_colour_is_what_the_verdict_is_due_to(run, verdicts, colour):
 
 
 def test_a_verdict_needs_a_job(run):
-    with pytest.raises(InputError, match="colour verdict: the record has neither job nor rig"):
+    with pytest.raises(InputError, match="colour verdict: the run has no job and no rig"):
         chosen_colour("verdict", [run])
 
 

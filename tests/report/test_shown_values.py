@@ -281,7 +281,7 @@ def test_the_words_for_either_sign(shown, sign, words):
     glue = dataclasses.replace(shown.glue, **turned)
     told = {name: rest[0] for name, *rest in cells(outcome_table(shown.bead.analysis, glue, shown.margins))}
     between, start, stop = words
-    assert told[f"{between} between turns"] == f"{shown.glue.clearance.mean:.3f} mm"
+    assert told[f"{between} between turns"] == f"{shown.glue.clearance.mean:.2f} mm"
     assert told[f"{start} at start"] == f"{shown.glue.missing_at_start.mean:.2f} mm"
     assert told[f"{stop} at stop"] == f"{shown.glue.excess_at_stop.mean:.2f} mm"
 

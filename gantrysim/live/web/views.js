@@ -30,15 +30,15 @@ export class Views {
     this.shape = "";
   }
 
-  /** Show the content of a result; without rows nothing is shown. */
-  show(content) {
+  /** Show the content of a result of a job; without rows nothing is shown. */
+  show(content, name) {
     if (!content.rows) {
       this.shape = "";
       this.data = null;
       for (const place of Object.values(this.places)) place.replaceChildren();
       return;
     }
-    const shape = shapeOf(content);
+    const shape = JSON.stringify([name, Boolean(this.placing.place()), ...shapeOf(content)]);
     if (shape === this.shape) this._update(content);
     else this._build(content);
     this.shape = shape;
@@ -173,5 +173,5 @@ export class Views {
 function shapeOf(content) {
   const series = content.series || content.quantities;
   const runs = (content.runs || []).map((run) => run.name);
-  return JSON.stringify([series.map(({ name }) => name), runs, Boolean(content.width), Boolean(content.dots?.length), content.by_path]);
+  return [series.map(({ name }) => name), runs, Boolean(content.width), Boolean(content.dots?.length), content.by_path];
 }

@@ -130,7 +130,7 @@ class Workbench {
     this.refused(null);
     showVerdict(at("verdict"), head);
     document.title = `${head.headline.slice(0, 1)} ${head.name}, gantrysim live`;
-    this.views.show(content);
+    this.views.show(content, head.name);
     at("bench").dataset.engine = head.engine;
     at("bench").dataset.bytes = bytes;
     at("bench").dataset.number = head.number;
