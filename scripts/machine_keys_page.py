@@ -79,7 +79,7 @@ def tables() -> str:
     for title, model in TABLES:
         if model is Screw:
             text += f"\n### `[x.drive.transmission]`, of every kind\n\n{table(common(Screw, Belt, Rack))}"
-        own = rows(model)
+        own = list(rows(model))
         if model in (Screw, Belt, Rack):
             own = [row for row in own if row not in common(Screw, Belt, Rack)]
         text += f"\n### {title}\n\n{table(own)}"
