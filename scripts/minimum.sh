@@ -4,7 +4,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-extras=dask,drawings,film,learning,tables  # rl would bring gigabytes of PyTorch
+extras=dask,drawings,film,learning,live,notebook,tables  # rl would bring gigabytes of PyTorch
 tests=(  # each package is used by some of these
     tests/test_extras.py tests/cli/test_help_and_names.py tests/cli/test_widths.py tests/controllers/test_mc_basic.py
     tests/drawings tests/env/test_env.py tests/env/test_env_registration.py tests/exchange/test_tables.py
