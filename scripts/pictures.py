@@ -122,7 +122,7 @@ def films() -> None:
 def page() -> None:
     """The upper part of the page of a run, as Chromium shows it."""
     with tempfile.TemporaryDirectory() as scratch:
-        subprocess.run(["gantrysim", "run", FIRST, "--out", scratch, "--no-causes", "--no-improve"], check=True)
+        subprocess.run(["gantrysim", "run", FIRST, "--out", scratch], check=True)
         picture = Path(scratch) / "page.png"
         size = f"--window-size={SCREEN[0]},{SCREEN[1]}"
         browser = shutil.which("chromium") or "google-chrome"
