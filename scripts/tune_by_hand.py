@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gantrysim import InputError, Job, Servo, simulate
-from gantrysim.base.errors import finite, unknown
+from gantrysim.base.errors import finite_of, unknown
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
 from gantrysim.report.plots.style import UM, sheet, thinned_line, turn_colours
 from gantrysim.servo.gains import GAIN_NAMES
@@ -56,7 +56,7 @@ def changed(servo: Servo, line: str) -> Servo:
         if parts[2] not in (None, *names):
             raise unknown("axis", parts[2], names)
         own_axis = "" if parts[2] is None else f" of axis {parts[2]}"
-        factor = finite(f"factor of {parts[1]}{own_axis}", parts[3])
+        factor = finite_of(f"factor of {parts[1]}{own_axis}", parts[3])
         for gain in BY_HAND[parts[1]]:
             axes = zip(names, own.per_axis(gain), servo.per_axis(gain), strict=True)
             gains = [factor * first if parts[2] in (None, name) else now for name, first, now in axes]

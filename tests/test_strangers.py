@@ -99,6 +99,13 @@ OURS = {
     "trio-basic": "my-job.toml",
     "out/an225": "out/mine",
 }
+WEIGHINGS = """pressure [kPa],time [s],mass [mg],density [g/cm³],bore [mm],length [mm]
+100,10,212,1.2,0.41,12.7
+150,10,341,1.2,0.41,12.7
+200,10,478,1.2,0.41,12.7
+250,10,611,1.2,0.41,12.7
+300,10,752,1.2,0.41,12.7
+"""
 QUICK = {
     "gantrysim run trio-basic --repeat 16": "--repeat 3 --no-video --no-report --no-improve",
     "gantrysim run": "--set turns=1 --no-video --no-report --no-improve",
@@ -131,6 +138,7 @@ def folder(fresh, tmp_path_factory):
     rows = (folder / "log.csv").read_text().splitlines()
     commands = ["x command [mm]", *(f"{command:.9g}" for command in position[:, 0])]
     (folder / "log.csv").write_text("\n".join(f"{a},{b}" for a, b in zip(rows, commands, strict=True)) + "\n")
+    (folder / "glue.csv").write_text(WEIGHINGS)
     for command in (
         ("run", "my-job.toml", "--no-video", "--no-report", "--no-causes", "--no-improve"),
         ("export", "out/mine", "--out", "trace.csv"),

@@ -97,6 +97,15 @@ def finite(name: str, value: float, unit: str = "") -> float:
     return number
 
 
+def finite_of(name: str, text: str, unit: str = "") -> float:
+    """Return the number that a text states, or raise InputError where it states no finite one."""
+    try:
+        number = float(text)
+    except ValueError:
+        raise InputError(f"{name} = {shown(text)}: must be a number") from None
+    return finite(name, number, unit)
+
+
 def positive(name: str, value: float, unit: str = "", most: float = math.inf) -> float:
     """Return `value` as a float, or raise InputError where it is not finite, above zero and at most `most`."""
     number = finite(name, value, unit)

@@ -49,7 +49,6 @@ UNCOMPILED = frozenset(
         "job",
         "live",
         "remedy",
-        "results",
         "study",
         "tables",
     )

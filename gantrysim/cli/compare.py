@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from gantrysim.base.errors import InputError, expanded, finite
+from gantrysim.base.errors import InputError, expanded, finite_of
 from gantrysim.cli.terminal import say, show, warn
 
 if TYPE_CHECKING:
@@ -316,7 +316,7 @@ def _circle(text: str) -> tuple[float, tuple[float, float]]:
     parts = text.split(",")
     if len(parts) not in (1, 3):
         raise InputError(f"--circle {text}: must be RADIUS or RADIUS,X,Y [mm]")
-    radius, *centre = (finite("--circle", part, "mm") for part in parts)  # type: ignore[arg-type]
+    radius, *centre = (finite_of("--circle", part, "mm") for part in parts)
     return radius, (centre[0], centre[1]) if centre else (0.0, 0.0)
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from gantrysim.base.errors import InputError, expanded, place, point
+from gantrysim.base.errors import InputError, expanded, finite_of, place, point
 from gantrysim.base.files import complete, pending
 
 Model = Annotated[
@@ -115,7 +115,9 @@ def placement(
     """Return the attributes of a `Placement` that are given."""
     given: dict[str, float] = {}
     if origin is not None:
-        parts: list[Any] = origin.split(",")
+        parts = [finite_of("--at", part, "mm") for part in origin.split(",")]
+        if len(parts) not in (2, 3):
+            raise InputError(f"--at {origin}: must be X,Y or X,Y,Z [mm]")
         if len(parts) == len("xyz"):
             given["x"], given["y"], given["z"] = place("--at", parts)
         else:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeGuard
+from typing import TypeGuard, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
-from gantrysim.job.basis import Basis
+from gantrysim.job.basis import Basis, RigBasis
 from gantrysim.job.job import Job
 
 _CONTROLLER_PERIOD = 1e-3  # [s], of the ticks to which controllers round the ends of their moves
@@ -55,7 +55,7 @@ def program_lines_at(job: Basis, ticks: int, times: Floats) -> NDArray[np.intp]:
 
 def _has_lines(job: Basis, ticks: int) -> TypeGuard[Job]:
     """Return whether lines of the program are known by the run's time."""
-    if not isinstance(job, Job):
+    if isinstance(job, RigBasis):
         return False
     whole_periods = abs(job.built_servo.period - _CONTROLLER_PERIOD) <= 1e-12
-    return ticks <= memory.LONG_RUN and whole_periods and not job.setpoints.gates.size
+    return ticks <= memory.LONG_RUN and whole_periods and not cast(Job, job).setpoints.gates.size

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import platform
 from collections.abc import Iterator
 from dataclasses import asdict
-from importlib.metadata import version
 from typing import Any
 
+from gantrysim.base.package_versions import package_versions
 from gantrysim.base.quantity import contents
 from gantrysim.job.basis import Basis
 from gantrysim.job.losses import happened_events
@@ -111,12 +110,6 @@ def fault_summary(job: Basis, machine: Machine, run: Run) -> dict[str, Any]:
 def versions(machine: Machine) -> dict[str, str]:
     """Return the versions that the numbers of a run depend on, and the digest of the compiled machine."""
     return {**package_versions(), "machine_sha256": machine.digest}
-
-
-def package_versions() -> dict[str, str]:
-    """Return the versions of the packages that the numbers of a run depend on."""
-    packages = {name: version(name) for name in ("gantrysim", "mujoco", "numpy", "numba", "scipy")}
-    return {**packages, "python": platform.python_version()}
 
 
 def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:

@@ -89,7 +89,7 @@ DOT_PLACE_ERROR = Quantity[Any](
     "dot_place_error",
     label="dot off its place by",
     unit="mm",
-    form=".2f",
+    form=".3f",
     meaning="Largest distance of a dot from its commanded place in plan view",
     path=(),
 )

@@ -23,7 +23,7 @@ SLOW, FAST, FASTER = 50.0, 80.0, 120.0  # [mm/s]
 def same(one, other):
     """Whether two records are equal to the last bit."""
     for field in dataclasses.fields(one):
-        if field.name == "job":  # a batch has none
+        if field.name in ("job", "rig"):  # a batch has no job, and a rig of its own
             continue
         a, b = getattr(one, field.name), getattr(other, field.name)
         if isinstance(a, np.ndarray):

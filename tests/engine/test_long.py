@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import re
 import subprocess
 import sys
 
@@ -66,6 +67,9 @@ def assert_same(ours, theirs, name=""):
             assert_same(a, b, f"{name}[{k}]")
     elif isinstance(theirs, float):
         assert ours == pytest.approx(theirs, rel=SAME, abs=1e-15), name
+    elif name == ".headline":
+        # the lines of long programs are not known
+        assert ours == re.sub(r", line \d+", "", theirs)
     else:
         assert ours == theirs, name
 

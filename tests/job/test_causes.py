@@ -222,7 +222,7 @@ def test_sampling_is_compared_at_its_own_physics_step(found):
     assert effect.before["contour"].rms == pytest.approx(again.contour.rms)
     assert effect.before != causes.errors
     rms = 1e3 * again.contour.rms
-    assert f"sampling: compared with the job at the same physics step, {rms:.2f} µm rms" in causes.notes
+    assert f"sampling: compared with the job at the same physics step, {rms:.1f} µm rms" in causes.notes
     # where the job's own step is as short, there is one reference
     fine = causes_of(job.changed({"simulation.physics_step": FINE_PERIOD}))
     assert by_name(fine)["sampling"].before == fine.errors
@@ -287,7 +287,7 @@ def test_causes_print_as_a_table(found):
     for name, effect in effects.items():
         errors = [effect.without[link].rms for link in LINKS]
         shown = [effect.without["contour"].rms, effect.without["contour"].max, effect.worth["contour"].rms, *errors]
-        assert [float(cell) for cell in cells[name]] == pytest.approx([1e3 * value for value in shown], abs=0.0051)
+        assert [float(cell) for cell in cells[name]] == pytest.approx([1e3 * value for value in shown], abs=0.0501)
     assert causes.heads == (*HEADS, *LINKS)
 
 

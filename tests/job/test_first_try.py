@@ -70,7 +70,7 @@ def test_ordinary_files_check_and_run_with_glue(part, gantrysim_command, tmp_pat
     assert status == 0
     assert printed.count("chosen, as nothing was given") == 1
     status, printed, _ = gantrysim_command(
-        "run", part, "--no-video", "--no-report", "--no-causes", "--no-improve", "--out", tmp_path / "out"
+        "run", part, "--no-video", "--no-report", "--no-causes", "--no-improve", "--out", tmp_path / "out", "-v"
     )
     assert status == 0
     assert "chosen, as nothing was given: machine xy" in printed
@@ -218,7 +218,7 @@ def test_a_needle_that_runs_higher_lays_the_same_glue(options, tmp_path):
         assert np.abs(judged.error[judged.judged]).max() < 1.0
     # and the page gives the same wanted section and volume
     sections = [dict(row[0::2] for row in bead_rows(each.values))["bead width"] for each in (before, bead)]
-    assert {text.split("; ")[1] for text in sections} == {"nominal section 1.020 mm²"}
+    assert {text.split("; ")[1] for text in sections} == {"nominal section 1.02 mm²"}
     angle = math.radians(60)
     sessile = math.sqrt(8 * math.sin(angle) ** 2 * usual.dispenser.area / (2 * angle - math.sin(2 * angle)))
     assert float(bead.nominal_section.width[0]) == pytest.approx(sessile, rel=1e-3)

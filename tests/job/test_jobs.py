@@ -133,7 +133,7 @@ def test_a_bead_conserves_the_volume_of_glue(analyses):
 def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
     report = [] if name in REPORTED else ["--no-report"]
     status, printed, _ = gantrysim_command(
-        "run", name, "--no-video", "--no-causes", "--no-improve", *report, "--out", tmp_path / "out"
+        "run", name, "-v", "--no-video", "--no-causes", "--no-improve", *report, "--out", tmp_path / "out"
     )
     assert status == 0
     assert (tmp_path / "out" / "report.html").exists() == (name in REPORTED)

@@ -124,7 +124,7 @@ def test_the_command_checks_without_writing(gantrysim_command, square, tmp_path,
     assert "--speed 900 does not act in full: glue is laid at" in output
     status, _, errors = gantrysim_command("check", square, "--at", "1")
     assert status == 2
-    assert "--at = ['1']: must be two numbers" in errors
+    assert "--at 1: must be X,Y or X,Y,Z [mm]" in errors
 
 
 def test_the_command_runs_a_program_file(gantrysim_command, square, tmp_path):

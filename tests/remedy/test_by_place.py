@@ -255,7 +255,7 @@ def test_improve_names_and_writes_it(tmp_path):
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     words = " ".join(result.output.split())
-    assert "pass with a speed by place: " in words
+    assert "Pass with a speed by place: " in words
     assert "s instead of " in words
     assert (tmp_path / "part.ngc").read_text(encoding="utf-8") == TEXT
     assert {path.name for path in tmp_path.iterdir()} == {

@@ -124,8 +124,8 @@ def test_the_printed_options_are_run_by_the_command(name, options, gantrysim_com
     """As they are printed by one command, so they are typed behind the next one."""
     status, printed, _ = gantrysim_command("improve", PROGRAMS[name], *options)
     assert status == 0
-    _, _, lines = printed.partition("for the command line:")
-    words = shlex.split(lines)
+    _, _, lines = printed.partition("# command line\n")
+    words = shlex.split(lines.partition("verdict")[0])
     assert words
     quiet = ("--no-video", "--no-report", "--no-causes", "--no-improve")
     status, _, said = gantrysim_command("run", PROGRAMS[name], *options, *words, *quiet, "--out", tmp_path / "out")

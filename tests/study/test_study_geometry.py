@@ -142,7 +142,7 @@ def test_the_cause_is_worth_what_it_adds(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "76")
     show_section(causes_section(causes).content())
     text = capsys.readouterr().out
-    assert f"{1e3 * effect.without['contour'].rms:.2f}" in text  # numbers are whole on a narrow terminal
+    assert f"{1e3 * effect.without['contour'].rms:.1f}" in text  # numbers are whole on a narrow terminal
     assert "…" not in text
     assert effect.before["geometry"].rms > 0.005
     assert effect.worth["contour"].rms == pytest.approx(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.errors import InputError
+from gantrysim.base.package_versions import package_versions
 from gantrysim.compare.runs.compared_run import FEWEST, MOST_RUNS, ComparedRun, names_of_jobs
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.compare.runs.differences import CheckChange
@@ -34,7 +35,6 @@ from gantrysim.report.plots.plan import plan_extent
 from gantrysim.report.plots.style import view_height
 from gantrysim.report.saved import SavedRun
 from gantrysim.report.sections import drawn_plot
-from gantrysim.report.summary import package_versions
 from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:

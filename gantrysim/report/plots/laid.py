@@ -7,8 +7,6 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.collections import PolyCollection
-from matplotlib.patches import Circle
 
 from gantrysim.base.arrays import Floats
 from gantrysim.glue.bead import Bead
@@ -19,6 +17,7 @@ from gantrysim.results.verdict import PATH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure, SubFigure
 
 _PIECES = 3000  # of the bead, each of one colour
@@ -76,6 +75,8 @@ def bead_picture(results: RunResults) -> bytes:
 
 def _draw_dots(axes: Axes, results: RunResults, bead: Bead) -> None:
     """Draw the dots as wide as they lie, coloured by the deviation of their volume."""
+    from matplotlib.patches import Circle
+
     limit = results.basis.limits(bead.run.face).dot_volume
     errors = [verdict.volume_error for verdict in results.dots] or [math.nan] * len(bead.dots)
     for dot, error in zip(bead.dots, errors, strict=True):
@@ -86,6 +87,8 @@ def _draw_dots(axes: Axes, results: RunResults, bead: Bead) -> None:
 
 
 def _draw_stations(axes: Axes, results: RunResults, bead: Bead, text_size: float) -> None:
+    from matplotlib.collections import PolyCollection
+
     nominal = float(bead.nominal_section.width[0]) if bead.nominal > 0 else 0.0
     if not nominal or not bead.wet_stretches.size:
         return

@@ -151,7 +151,8 @@ def test_sections_are_sorted_into_the_cells_of_their_boxes():
     x, y, half, top = rng.uniform(0.0, 30.0, (4, count))
     half /= 6.0
     one = np.ones(count)
-    sections = ploughing.Sections(one, x, y, one, one, one, top, one, one, one, one, half, thickness=0.2)
+    dots = np.zeros(count, bool)
+    sections = ploughing.Sections(one, x, y, one, one, one, top, one, one, one, one, half, dots, thickness=0.2)
     needle = ploughing.Needle(np.zeros((1, 3)), np.zeros(1), np.zeros(1, bool), np.ones(1, bool), 0.5, 1.0, 0.1)
     cells = ploughing.cells_of(sections, needle)
     reach = half + 0.7

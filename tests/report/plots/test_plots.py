@@ -361,7 +361,7 @@ def test_what_causes_are_worth_is_drawn_for_every_error():
         widths = [bar.get_width() for bar in axes.containers[0]]
         sizes = [1e3 * one[error] for one in worth.values()]
         np.testing.assert_allclose(widths, np.nan_to_num(sizes))
-        numbers = [f"{size:z.2f}".replace("-", "−") for size in sizes[:2]]
+        numbers = [f"{size:z.1f}".replace("-", "−") if abs(size) >= 0.05 else "0" for size in sizes[:2]]
         assert [text.get_text() for text in axes.texts] == [*numbers, "–"]
         low, high = axes.get_xlim()
         assert low <= min(0, *sizes[:2])
