@@ -115,6 +115,7 @@ def test_no_number_of_a_study_is_cut_in_a_narrow_terminal(monkeypatch, capsys, c
     assert words.count("quantity") == 12
 
 
+@pytest.mark.soak
 def test_the_command_works_where_python_drops_docstrings(tmp_path):
     """One process for all, as Python compiles most of its libraries anew there."""
     words = ["run", "an225", *QUICK, "--no-causes", "--out", "out"]

@@ -80,6 +80,7 @@ def _copied_if_there(source, target):
         shutil.copy2(source, target)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("dialect", "file", "function"),
     [

@@ -580,6 +580,7 @@ def add_study(copy):
     append(copy / "cli" / "study.py", COMMAND)
 
 
+@pytest.mark.soak
 def test_a_study_is_a_file_and_its_command(fresh, extended, tmp_path):
     copy, files = extended
     architecture = " ".join(PAGES["docs/architecture.md"].split())
@@ -607,6 +608,7 @@ def add_task(copy):
     edited(copy / "env" / "registry.py", "TASKS = {\n", 'TASKS = {\n    "FeedForward-v0": "feed_forward",\n')
 
 
+@pytest.mark.soak
 def test_an_environment_task_is_a_file_and_its_line(fresh, extended, tmp_path):
     copy, files = extended
     architecture = " ".join(PAGES["docs/architecture.md"].split())

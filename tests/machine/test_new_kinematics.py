@@ -170,6 +170,7 @@ def _copied_if_there(source, target):
         shutil.copy2(source, target)
 
 
+@pytest.mark.soak
 def test_a_kinematics_is_added_by_its_file_and_its_line(fresh, tmp_path):
     """In a copy of the package: machine, checks, run, budget and causes ask it through its interface."""
     recipe = "**Kinematics** are a class in a file of `machine/kinematics/` and its line in `KINEMATICS` there"

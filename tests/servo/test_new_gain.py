@@ -20,6 +20,8 @@ FIELD = '    kx: Annotated[float, "N·m/u", "torque per following error, once mo
 # What is asked of the package with the gain: half of kp as kx is the whole of kp.
 ASKED = """
 import numpy as np
+
+import pytest
 from gantrysim import Job
 from gantrysim.base.errors import InputError
 from gantrysim.exchange.gains import DIALECTS, exported, imported
@@ -50,6 +52,7 @@ else:
 """
 
 
+@pytest.mark.soak
 def test_a_gain_is_added_by_its_field_and_its_term(tmp_path):
     """In a copy of the package, compiled anew: the job file, the tick, the margins and the exports know the gain."""
     package = tmp_path / "gantrysim"
