@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import gantrysim
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.gains import GAIN_NAMES, GAINS, Gains
@@ -20,8 +22,6 @@ FIELD = '    kx: Annotated[float, "N·m/u", "torque per following error, once mo
 # What is asked of the package with the gain: half of kp as kx is the whole of kp.
 ASKED = """
 import numpy as np
-
-import pytest
 from gantrysim import Job
 from gantrysim.base.errors import InputError
 from gantrysim.exchange.gains import DIALECTS, exported, imported
