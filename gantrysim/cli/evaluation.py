@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from gantrysim.base import memory
 from gantrysim.base.errors import expanded, text_of
 from gantrysim.base.extras import MissingPackageError
-from gantrysim.cli.screen import show_cause, show_change, show_verdict
+from gantrysim.cli.screen import show_cause, show_change, show_choice, show_verdict
 from gantrysim.cli.show import ASPECTS, show_aspect
 from gantrysim.cli.terminal import count_bar, say, share_bar, stage, warn
 from gantrysim.glue.bead import Bead
@@ -19,6 +19,7 @@ from gantrysim.job.causes import causes_of
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
 from gantrysim.job.scatter import scatter_of
+from gantrysim.job.steps import run_notes
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
@@ -111,8 +112,12 @@ class Evaluation:
         with stage("record"):
             write_run(folder, self.results)
 
-    def find(self) -> None:
-        """Print the verdict, run the job again for what is wanted of it, and print what spoils it."""
+    def find(self, folder: Path) -> None:
+        """Print the verdict, run the job again for what is wanted of it, and print what spoils it.
+
+        Args:
+            folder: of the run.
+        """
         record = self._record
         with stage("verdict"):
             answer = Answer.of(self.results)
@@ -123,6 +128,7 @@ class Evaluation:
         if self.wanted.repeat is not None and record.fault is None:
             self._find_scatter(self.wanted.repeat)
         show_cause(answer, headline(self.results))
+        show_choice(run_notes(self.results.job, record), str(folder))
 
     def show_details(self) -> None:
         """Print every aspect of the run that is known."""

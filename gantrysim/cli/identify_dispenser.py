@@ -34,24 +34,24 @@ def identify_dispenser(
     ] = None,
     out: Annotated[Path, typer.Option(help="File for the tables of a job.")] = Path("dispenser.toml"),
 ) -> None:
-    """Fit a dispenser and its glue to masses, beads, dots and records of switching.
+    r"""Fit a dispenser and its glue to masses, beads, dots and records of switching.
 
     The filled cells of a row show what was measured, with units in brackets:
 
-    - weighing: time [s], mass [mg], and pressure [kPa] of a valve, pump speed [rpm] or plunger speed [mm/s]
+    - weighing: time \[s], mass \[mg], and pressure \[kPa] of a valve, pump speed \[rpm] or plunger speed \[mm/s]
 
-    - dots of a valve: open time [ms], mass [mg], dots (their number)
+    - dots of a valve: open time \[ms], mass \[mg], dots (their number)
 
-    - drops of a jet: drops (their number), mass [mg]
+    - drops of a jet: drops (their number), mass \[mg]
 
-    - bead: speed [mm/s], gap [mm], width [mm] or height [mm]
+    - bead: speed \[mm/s], gap \[mm], width \[mm] or height \[mm]
 
-    - record: time [s], command (0 or 1) or the motor's speed, and flow [mm³/s] or mass [mg]
+    - record: time \[s], command (0 or 1) or the motor's speed, and flow \[mm³/s] or mass \[mg]
 
-    A column experiment separates several of a kind. Density and needle are columns (density [g/cm³], bore [mm],
-    length [mm], outer [mm]) or options.
+    A column experiment separates several of a kind. Density and needle are columns (density \[g/cm³], bore \[mm],
+    length \[mm], outer \[mm]) or options.
 
-    Writes the tables [dispenser] and [bead] of a job with the values and their 95 % intervals, and says which two
+    Writes the tables \[dispenser] and \[bead] of a job with the values and their 95 % intervals, and says which two
     measurements would narrow the intervals most.
 
     Exit status: 0, 1 if no value is identified or the measurements are spoiled, which a line names, 2 for bad input.

@@ -197,7 +197,7 @@ def _show_and_draw(evaluation: Evaluation, folder: Path) -> None:
     from gantrysim.report.folder import CHANGED_OUTPUT, SHOWN_OUTPUT
 
     try:
-        evaluation.find()
+        evaluation.find(folder)
         with SHOWN_OUTPUT.written(folder) as scratch:
             evaluation.write(scratch)
         if evaluation.propose(folder):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -9,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gantrysim.cli.terminal import columns, joined, say, show
+from gantrysim.job.loaded import CHOSEN
 from gantrysim.report.answer import Answer
 from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN
 
@@ -18,6 +20,7 @@ _STYLES = {PASS: "green", WARN: "yellow", FAIL: "bold red", UNJUDGED: ""}
 _PASTED = 8  # lines to paste; more are left to `gantrysim show FOLDER levers`
 _INDENT = "  "
 _CONTINUED = " \\"  # a line of a shell
+_BEGINNING = re.compile(r" \(|, (?![xyz] )")  # of a choice: without its reason, how to choose otherwise, and details
 _COLUMNS = ("state", "row")  # before the text
 
 
@@ -42,6 +45,19 @@ def show_verdict(answer: Answer) -> None:
 def show_cause(answer: Answer, headline: str) -> None:
     """Print what spoils a run, or its error where nothing does."""
     _show_rows([("error" if answer.state == PASS else "cause", headline)])
+
+
+def show_choice(notes: Sequence[str], folder: str) -> None:
+    """Print in a few words what was chosen for a program that is given alone; nothing where nothing was.
+
+    Args:
+        notes: of the run, the one on what was chosen among them.
+        folder: of the run.
+    """
+    for note in notes:
+        if note.startswith(CHOSEN):
+            choices = [_BEGINNING.split(choice)[0] for choice in note.removeprefix(CHOSEN).split("; ")]
+            _show_rows([("chosen", f"{'; '.join(choices)}: gantrysim show {folder} notes")])
 
 
 def show_change(changes: Mapping[str, Any], folder: str) -> None:

@@ -35,7 +35,7 @@ def show_run(
 
     Exit status: 0, 2 for bad input.
     """
-    from gantrysim.cli.screen import show_cause, show_change, show_verdict
+    from gantrysim.cli.screen import show_cause, show_change, show_choice, show_verdict
     from gantrysim.report.answer import Answer
     from gantrysim.report.folder import REPORT, SUMMARY
     from gantrysim.report.saved import SavedRun
@@ -60,6 +60,7 @@ def show_run(
         answer = Answer.of(results)
         show_verdict(answer)
         show_cause(answer, summary["headline"])
+        show_choice(summary["notes"], str(run))
         if summary["changes"] is not None:
             show_change(summary["changes"], str(run))
         if (expanded(run) / REPORT).is_file():

@@ -38,6 +38,9 @@ from gantrysim.servo.laws import PD
 # What a job's file leaves open and its program or machine decides: machine and glue, with a sentence on the choice.
 
 
+CHOSEN = "chosen, as nothing was given: "  # begins the note on it
+
+
 class OpenValues(NamedTuple):
     """What nobody gave.
 
@@ -207,7 +210,7 @@ def choice_note(open_values: OpenValues, job: JobContent, controller: Controller
             f"work, the needle {gap if job.bead.gap is None else job.bead.gap:.4g} mm above it (--set "
             "program.placement.z=0 for its own heights)"
         )
-    return f"chosen, as nothing was given: {'; '.join(parts)}" if parts else ""
+    return f"{CHOSEN}{'; '.join(parts)}" if parts else ""
 
 
 def _flow_text(job: JobContent, controller: Controller) -> str:

@@ -34,7 +34,7 @@ def test_help_shows_every_unit_in_brackets(path, gantrysim_command):
     status, printed, _ = gantrysim_command(*path, "--help")
     assert status == 0
     assert "\\[" not in printed
-    texts = [getattr(parameter, "help", None) or "" for parameter in COMMANDS[path].params]
+    texts = [getattr(described, "help", None) or "" for described in (COMMANDS[path], *COMMANDS[path].params)]
     for text in texts:
         for unit in re.findall(r"\[[^\]]*\]", text):
             assert joined(unit) in joined(printed), text

@@ -137,3 +137,16 @@ def test_help_is_wrapped_once(gantrysim_command, monkeypatch):
     for line, following in pairwise(prose):
         if line and following:
             assert len(line) + 1 + len(following.split()[0]) > 76, (line, following)
+
+
+def test_what_was_chosen_for_a_program_alone_is_told_in_a_few_words(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "120")
+    (tmp_path / "part.ngc").write_text("G21 G90\nF600\nG1 X20\nG1 Y20\nM2\n")
+    job = Job.load(tmp_path / "part.ngc")
+    screen.show_choice(job.notes, "out/part")
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("chosen   machine xy; ")
+    assert f"; glue {job.dispenser.area:g} mm² times path speed; " in line
+    assert line.endswith(": gantrysim show out/part notes")
+    screen.show_choice(Job.load("an225").notes, "out/an225")  # which gives all that it needs
+    assert capsys.readouterr().out == ""
