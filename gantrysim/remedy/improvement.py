@@ -94,7 +94,13 @@ def _lag_text(dispenser: Dispenser) -> str:
         return "whose motor works against the pressure of the glue"
     if dispenser.kind != VALVE:
         return "which lays drops"
-    times = {"dead time": dispenser.dead_time, "opening": dispenser.opening, "closing": dispenser.closing}
+    closing = 0.0 if dispenser.closing_delay == dispenser.dead_time else dispenser.closing_delay
+    times = {
+        "dead time": dispenser.dead_time,
+        "dead time of closing": closing,
+        "opening": dispenser.opening,
+        "closing": dispenser.closing,
+    }
     lags = ", ".join(f"{1e3 * time:.4g} ms {name}" for name, time in times.items() if time)
     return f"which lags by {lags}"
 

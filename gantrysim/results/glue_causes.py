@@ -54,16 +54,18 @@ class GlueCause:
 
 
 def without_dead_time(dispenser: Dispenser) -> Dispenser:
-    """Return a dispenser without its dead time, and without the part of its leads that makes up for it."""
-    leads = {name: max(getattr(dispenser, name) - dispenser.dead_time, 0.0) for name in ("start_lead", "stop_lead")}
-    return replace(dispenser, dead_time=0.0, **leads) if dispenser.dead_time else dispenser
+    """Return a dispenser without its dead times, and without the part of its leads that makes up for them."""
+    if not dispenser.dead_time and not dispenser.closing_delay:
+        return dispenser
+    start = max(dispenser.start_lead - dispenser.dead_time, 0.0)
+    stop = max(dispenser.stop_lead - dispenser.closing_delay, 0.0)
+    return replace(dispenser, dead_time=0.0, closing_dead_time=None, start_lead=start, stop_lead=stop)
 
 
 def without_lag(dispenser: Dispenser) -> Dispenser:
     """Return a dispenser whose flow follows its request after the dead time, without what compensates the lag."""
-    leads = {
-        name: min(getattr(dispenser, name), dispenser.dead_time) for name in ("start_lead", "stop_lead", "advance")
-    }
+    dead = {"start_lead": dispenser.dead_time, "stop_lead": dispenser.closing_delay, "advance": dispenser.dead_time}
+    leads = {name: min(getattr(dispenser, name), time) for name, time in dead.items()}
     changes: dict[str, Any] = {"opening": 0.0, "closing": 0.0, "syringe": None, **leads, "advance": 0.0}
     if dispenser.drive is not None:
         changes |= {**dict.fromkeys(_OF_KINDS), "kind": VALVE}

@@ -140,6 +140,10 @@ def test_a_dispenser_without_dead_time_or_lag_has_no_compensation_of_it_either()
     ideal = Dispenser(flow=FLOW, start_lead=0.01)
     assert without_lag(ideal) is ideal
     assert without_dead_time(ideal) is ideal
+    # a valve that closes later than it opens: each lead makes up for its own dead time
+    late = replace(base, closing_dead_time=0.0625)
+    assert without_dead_time(late) == replace(base, dead_time=0.0, start_lead=0.5, stop_lead=0.0625)
+    assert without_lag(late) == replace(late, opening=0.0, closing=0.0, start_lead=0.25, stop_lead=0.0625)
 
 
 def test_table_and_summary_have_every_cause_and_check():

@@ -425,8 +425,7 @@ class Dispenser:
         """Return the fraction of the period after each tick in which the valve is open, (n,); arguments as `flows`."""
         on = np.asarray(dispense, bool)
         valve = self._valve(on, period)
-        edges = np.unique(np.concatenate([np.arange(on.size + 1, dtype=np.float64), *valve]))
-        edges = edges[(edges >= 0) & (edges <= on.size)]
+        edges = np.unique(np.clip(np.concatenate([np.arange(on.size + 1.0), *valve]), 0, on.size))
         open_for = np.where(valve.is_open(edges[:-1]), np.diff(edges), 0.0)
         return np.bincount(edges[:-1].astype(np.intp), open_for, minlength=on.size).astype(np.float64)
 
@@ -461,15 +460,18 @@ class Dispenser:
         return flow if self._driven is None else self._driven.pressure(flow)
 
     def _valve(self, on: NDArray[np.bool_], period: float) -> ValveTimes:
-        # the request as a whole is delayed by `dead_time`
-        closing = self.dead_time if self.closing_dead_time is None else self.closing_dead_time
-        return ValveTimes.of(on, period, self.start_lead, self.stop_lead + self.dead_time - closing)
+        # `dead_time` delays the request as a whole
+        return ValveTimes.of(on, period, self.start_lead, self.stop_lead + self.dead_time - self.closing_delay)
+
+    @property
+    def closing_delay(self) -> float:
+        """Dead time of the valve's closing [s]."""
+        return self.dead_time if self.closing_dead_time is None else self.closing_dead_time
 
     def _at_rest(self) -> Floats:
         """Return the state of the lag before the first tick, see `gantrysim.glue.dispenser.lag`."""
-        if self.syringe is None:
-            return np.zeros(1)
-        return np.array([0.0, ATMOSPHERE, self.syringe.glue, self.syringe.air])
+        syringe = self.syringe
+        return np.zeros(1) if syringe is None else np.array([0.0, ATMOSPHERE, syringe.glue, syringe.air])
 
     def _lagged(self, breaks: Floats, value: Floats, block: slice, period: float, state: Floats) -> Floats:
         """Return the mean flow over each period of a block for a request of `value` between `breaks` [periods]."""

@@ -10,7 +10,7 @@ from gantrysim.results.verdict import GLUE
 
 _TICK = 1e-4  # times are set to a tenth of a millisecond [s]
 _FASTER = (0.5, 0.25)
-_TIMES = ("dead_time", "opening", "closing")
+_TIMES = ("dead_time", "closing_dead_time", "opening", "closing")
 _FITTED = ("start_lead", "stop_lead", "advance")  # fitted to those times
 
 
@@ -49,11 +49,11 @@ def _leads(state: State) -> list[Setting] | str:
         speed = state.job.controller.programmed_speed
     except InputError:
         return "the program states no path speed, from which times would follow"
-    dead = _ticks(dispenser.dead_time)
+    dead = (_ticks(dispenser.dead_time), _ticks(dispenser.closing_delay))
     start = _ticks(dispenser.start_lead + outcome.missing / speed)
     stop = _ticks(dispenser.stop_lead + outcome.excess / speed)
     present = (_ticks(dispenser.start_lead), _ticks(dispenser.stop_lead))
-    leads = {"of the dead time": (dead, dead), "of the measured ends": (start, stop)}
+    leads = {"of the dead time": dead, "of the measured ends": (start, stop)}
     settings = [
         Setting(label, {"dispenser.start_lead": values[0], "dispenser.stop_lead": values[1]})
         for label, values in leads.items()
