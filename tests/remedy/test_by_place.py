@@ -1,6 +1,7 @@
 """Speed by place from end to end: found by simulation, written as a program, and run again as anyone would run it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.by_place import RUNS, SpeedByPlace, speed_by_place
 from gantrysim.remedy.by_place_files import write_by_place
 from gantrysim.remedy.outcome import Motion
+from gantrysim.remedy.report import remedy_of
 from gantrysim.study.speed.study import speed_changes
 
 # one tight arc between long straight lines, at 100 mm/s
@@ -277,3 +279,17 @@ def test_a_file_of_the_job_is_refused_before_anything_is_written(tmp_path):
     assert str(result.exception).endswith("is a file of the job; give another name")
     assert [path.name for path in tmp_path.iterdir()] == ["better-by-place.ngc"]
     assert own.read_text(encoding="utf-8") == TEXT
+
+
+@pytest.mark.parametrize("is_faster", [True, False])
+def test_the_first_screen_says_where_a_speed_by_place_is_faster(job, even, found, is_faster):
+    after = even if is_faster else found.outcome
+    improvement = SimpleNamespace(
+        changes_anything=True, combination=(), base=job, job=job, sentence="", lines={}, by_place=found,
+        before=even, after=after, verdict=even.verdict, improved=after.verdict,
+    )  # fmt: skip
+    remedy = remedy_of(improvement)
+    said = f", or {found.outcome.duration:.2f} s with a speed by place"
+    assert (said in remedy.outcome) == is_faster
+    assert ("speed by place: gantrysim improve JOB --out FOLDER" in remedy.values) == is_faster
+    assert found.outcome.duration < even.duration
