@@ -8,6 +8,7 @@ from dataclasses import replace
 import imageio.v3
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
@@ -17,6 +18,10 @@ from gantrysim.report.card import HEIGHT, WIDTH, save_card
 from gantrysim.report.changes import Changes
 from gantrysim.report.document import Section
 from gantrysim.report.page import run_page
+from gantrysim.report.plots.laid import draw_laid
+from gantrysim.report.plots.pictures import plan_plot
+from gantrysim.report.plots.plan import magnification
+from gantrysim.report.viewer_data import ViewerData
 from gantrysim.results.run_results import RunResults
 
 from support.browser import chromium
@@ -122,6 +127,29 @@ def test_print_has_the_answer_on_the_first_of_few_pages(page):
     assert max(answer[3], picture[3]) < 1000
     assert picture[0] >= answer[2]
     assert picture[2] - picture[0] > 250
+
+
+def test_plan_card_and_page_mark_the_worst_place_of_the_row_that_fails(results):
+    verdict = results.verdict
+    assert verdict.worst_row.name == "glue"
+    place = verdict.worst_place
+    tick = round(place.time / results.budget.analysis.run.period)
+    x, y = results.budget.analysis.run.nozzle[tick, :2]
+    plan = plan_plot(results.budget.analysis, verdict.placed_check).figure().axes[0]
+    marked = next(line for line in plan.get_lines() if str(line.get_label()).startswith("worst"))
+    assert str(marked.get_label()) == f"worst: {verdict.placed_check.brief}"
+    largest = results.budget.analysis.nozzle.distance.argmax()
+    # the error is drawn magnified there
+    factor = magnification(results.budget.analysis)
+    row = np.searchsorted(results.budget.analysis.ticks, tick)
+    offset = results.budget.analysis.nozzle.offset[row, :2]
+    np.testing.assert_allclose(marked.get_xydata()[0], [x, y] + (factor - 1) * offset, atol=1e-9)
+    assert np.hypot(*(results.budget.analysis.run.nozzle[results.budget.analysis.ticks[largest], :2] - [x, y])) > 1
+    laid = draw_laid(Figure(), results)
+    circles = [line.get_xydata()[0] for line in laid.get_lines() if line.get_marker() == "o"]
+    assert circles
+    np.testing.assert_allclose(circles, [place.point[:2]] * len(circles))
+    assert ViewerData(results).content()["worst"] == np.abs(ViewerData(results).rows - tick).argmin()
 
 
 def test_the_film_has_the_bead_before_it_plays(page, results):
