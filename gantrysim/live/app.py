@@ -157,10 +157,17 @@ async def asset(request: Request) -> Response:
     return Response(variables + "".join(part.read_text(encoding="utf-8") for part in parts), media_type=kind)
 
 
+async def space_asset(_: Request) -> Response:
+    """Return the script of the 3-D view, which a page asks for when it first shows one."""
+    script = (_REPORT / "web" / "viewer3d.min.js.gz").read_bytes()
+    return Response(script, media_type="text/javascript; charset=utf-8", headers={"Content-Encoding": "gzip"})
+
+
 def app_of(hub: Hub) -> Starlette:
     """Return the application of a hub, without its guard."""
     routes = [
         *(Route(path, asset) for path in _ASSETS),
+        Route("/viewer3d.js", space_asset),
         Route("/upload", hub.upload, methods=["POST"]),
         WebSocketRoute("/socket", hub.tab),
     ]

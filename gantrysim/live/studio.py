@@ -130,7 +130,7 @@ class Studio:
         go_on()
         head |= _verdict(results.verdict) | {"sentence": headline(results)}
         if request.reference is None:
-            content = ViewerData(results, most).content()
+            content = ViewerData(results, most, flat_in_space=True).content()
         else:
             reference = self._reference_results(request.reference, go_on)
             runs = ComparedRuns((ComparedRun.of(reference, "kept"), ComparedRun.of(results, "now")))

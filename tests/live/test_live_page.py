@@ -207,6 +207,32 @@ def test_the_cursor_marks_the_line_and_a_line_its_path(page):
     assert page.browser.text('.readout output[data-name="time"]') != "NaN s"
 
 
+def test_the_3d_view_follows_the_cursor_and_the_job_from_where_it_was_turned_to(page):
+    surface = ".space .surface"
+    page.changed(DROP, "part.ngc", TEXT)
+    page.browser.run("document.querySelector('[data-view=space]').click()")
+    page.until(f"document.querySelector('{surface}')?.dataset.view")
+    page.browser.run("document.querySelector('.strips').focus()")
+    page.browser.key("Home")
+    page.browser.key("ArrowRight", shift=True, presses=2)
+    described = page.browser.run(f"return document.querySelector('{surface}').getAttribute('aria-valuetext')")
+    assert described.startswith(f"t = {page.browser.text('.readout output[data-name=time]')}, x ")
+    page.browser.box(surface)  # out of sight nothing is drawn
+    page.browser.run("[...document.querySelectorAll('.space button')].find((b) => b.textContent === 'top').click()")
+    page.until(f"document.querySelector('{surface}').dataset.view.startsWith('90.00000 90.00000 ')")
+    near = distance(page)
+    page.changed(TYPE, TEXT.replace("X30", "X60"))
+    # the camera still looks down, from farther away
+    page.until(f"!document.querySelector('{surface}').dataset.view.startsWith('90.00000 90.00000 {near}')")
+    assert page.browser.run(f"return document.querySelector('{surface}').dataset.view").startswith("90.00000 90.00000 ")
+    assert float(distance(page)) > float(near)
+    page.browser.run("document.querySelector('[data-view=bead]').click()")
+
+
+def distance(page):
+    return page.browser.run("return document.querySelector('.space .surface').dataset.view.split(' ')[2]")
+
+
 def test_a_drag_moves_the_part(page):
     page.changed(DROP, "part.ngc", TEXT)
     place = slid(page, "program.placement.x")

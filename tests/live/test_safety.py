@@ -77,7 +77,7 @@ def test_the_first_address_sets_a_strict_cookie_and_hides_the_token(served):
     assert client.get("/").status_code == 200
 
 
-@pytest.mark.parametrize("path", ["/", "/workbench.js", "/workbench.css", "/socket", "/none"])
+@pytest.mark.parametrize("path", ["/", "/workbench.js", "/workbench.css", "/viewer3d.js", "/socket", "/none"])
 def test_nothing_is_served_without_the_cookie(served, path):
     _, client = served
     assert client.get(path).status_code == 403

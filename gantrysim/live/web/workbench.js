@@ -36,7 +36,7 @@ class Workbench {
       controls: ({ controls }) => this.controls.show(controls),
       margins: ({ row }) => this.margins(row),
       progress: (progress) => this.progress(progress),
-      compiling: ({ text }) => this.say(text),
+      compiling: ({ text }) => this.say((this.compiling = text)),
       proposals: (proposals) => this.proposals(proposals),
       written: ({ folder, page }) => this.say(`written to ${page || folder}`),
       refused: (refusal) => this.refused(refusal),
@@ -98,7 +98,7 @@ class Workbench {
   paintStale() {
     at("bench").classList.toggle("stale", this.stale);
     if (this.stale) this.say(FORMER);
-    else if (at("status").textContent === FORMER) this.say("");
+    else if ([FORMER, this.compiling].includes(at("status").textContent)) this.say("");
   }
 
   jobs({ jobs, path }) {
