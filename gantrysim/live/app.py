@@ -12,7 +12,7 @@ from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -25,6 +25,7 @@ from gantrysim.results.colours import css_variables
 
 _LONGEST_QUEUE = 2000  # messages that wait for a tab, which is then closed
 _GLANCE = 0.3  # between two looks at the file that is followed [s]
+_NOT_FOUND = 404
 _TOO_LONG = 413
 _TRY_AGAIN = 1013  # code with which the WebSocket of a slow tab is closed
 _WEB = files("gantrysim.live") / "web"
@@ -109,6 +110,14 @@ class Hub:
             self.workbench.open(self._store.take(request.query_params.get("name", ""), bytes(content)))
         return PlainTextResponse("")
 
+    async def film(self, request: Request) -> Response:
+        """Return the film that was made, of which a browser asks for parts."""
+        film = self.workbench.film(request.query_params.get("number", ""))
+        if film is None:
+            return PlainTextResponse("no such film\n", _NOT_FOUND)
+        file, name = film
+        return FileResponse(file, filename=f"{name}{file.suffix}", content_disposition_type="inline")
+
     async def tab(self, socket: WebSocket) -> None:
         """Serve a tab: send what it needs to show, and do what it asks for."""
         await socket.accept()
@@ -168,6 +177,7 @@ def app_of(hub: Hub) -> Starlette:
     routes = [
         *(Route(path, asset) for path in _ASSETS),
         Route("/viewer3d.js", space_asset),
+        Route("/film", hub.film),
         Route("/upload", hub.upload, methods=["POST"]),
         WebSocketRoute("/socket", hub.tab),
     ]

@@ -18,7 +18,7 @@ from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.overrides import absolute_machine
 
-Task = Literal["show", "improve", "report", "stop", "end"]
+Task = Literal["show", "improve", "report", "film", "stop", "end"]
 
 _LINE = re.compile(r"\bline (\d+)")
 _WORD = re.compile(r"['\"]([^'\"\n]{1,40})['\"]|\b([A-Z]-?\d[\d.]*)\b")
@@ -111,10 +111,10 @@ class Request(NamedTuple):
 
     Attributes:
         number: ascending.
-        task: "show" its run, "improve" it, write its "report", "stop", or "end" the process.
+        task: "show" its run, "improve" it, write its "report" or "film", "stop", or "end" the process.
         draft: the job; None to stop.
         reference: job with which its run is compared; None for none.
-        folder: to write a report to.
+        folder: to write a report or film to.
     """
 
     number: int

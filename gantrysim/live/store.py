@@ -17,6 +17,7 @@ LONGEST_UPLOAD = 1 << 25  # [bytes]
 _MOST_UPLOADS = 50  # kept; the oldest goes
 _MOST_LISTED = 500  # files of a folder
 _JOB = ".toml"
+_FILMS = ".films"  # no dropped file begins with a point
 _NAME = re.compile(r"[^\w .+-]")
 _LONGEST_NAME = 100  # characters
 
@@ -42,10 +43,14 @@ class Store:
     Args:
         folder: that is opened: its jobs are listed, and jobs are saved in it.
         scratch: temporary folder for what is dropped into the page.
+
+    Attributes:
+        films: folder of the films that are made.
     """
 
     def __init__(self, folder: Path, scratch: Path) -> None:
         self.folder = folder
+        self.films = scratch / _FILMS
         self._scratch = scratch
         self._uploads: list[Path] = []
 

@@ -34,6 +34,8 @@ from gantrysim.results.verdict import Verdict, stability_row
 QUICK: Engine = "loop"
 WHOLE: Engine = "mujoco"
 QUICK_ROWS = 4_000  # of a quick answer
+_FILM = "film.mp4"
+_SIMULATED = 0.1  # share of a film's time in which its run is simulated
 REST = 0.15  # without a newer request, after which the whole answer is computed [s]
 
 Send = Callable[[str, dict[str, Any]], None]
@@ -78,6 +80,8 @@ class Studio:
                 self._improve(request.draft, send, go_on)
             elif request.task == "report":
                 self._report(request.draft, Path(request.folder), send, go_on)
+            elif request.task == "film":
+                self._film(request.draft, Path(request.folder), send, go_on)
             else:
                 self._show(request, send, go_on)
         except GantryError as error:
@@ -214,6 +218,24 @@ class Studio:
         run = job.run(progress)
         page = write_report(job, run, folder / job.name, changes=changes_of, progress=progress)
         send("written", {"folder": str(folder / job.name), "page": "" if page is None else str(page)})
+
+    def _film(self, draft: Draft, folder: Path, send: Send, go_on: Callable[..., None]) -> None:
+        job = self._job(draft)
+        job.check_fit()
+
+        def simulating(share: float) -> None:
+            go_on()
+            send("progress", {"share": _SIMULATED * share, "task": "film: simulate"})
+
+        def drawing(share: float) -> None:
+            go_on()
+            send("progress", {"share": _SIMULATED + (1 - _SIMULATED) * share, "task": "film: draw"})
+
+        run = job.run(simulating)
+        file = folder / _FILM
+        folder.mkdir(exist_ok=True)
+        run.film(file, progress=drawing)
+        send("film", {"name": job.name, "file": str(file)})
 
 
 def _results(job: Job, run: Any) -> RunResults:

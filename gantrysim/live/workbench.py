@@ -19,7 +19,8 @@ from gantrysim.live.worker import Message
 _MOST_STEPS = 200  # of the history
 _LONGEST_TEXT = 1 << 24  # of a program or job that is edited [characters]
 _OUTPUT = "out"  # folder of reports, as of the command
-_SHOWN = ("text", "controls", "margins", "proposals", "written", "refused")  # kinds of messages that a new tab needs
+# kinds of messages that a new tab needs
+_SHOWN = ("text", "controls", "margins", "proposals", "written", "film", "refused")
 
 Tell = Callable[[str, dict[str, Any]], None]
 
@@ -51,6 +52,7 @@ class Workbench:
         self._undone: list[Draft] = []
         self._is_dragging = False
         self._kept: Draft | None = None
+        self._filmed: Draft | None = None
         self._saved: Saved | None = None
         self._toml = ""  # of the latest result's job
         self._number = 0
@@ -72,10 +74,16 @@ class Workbench:
             "can_undo": bool(self._history),
             "can_redo": bool(self._undone),
             "kept": self._kept is not None,
+            "filmed": self._filmed == self._draft,
             "saved": "" if self._saved is None else self._saved.file.name,
             "busy": self._task or "",
             "number": self._number,
         }
+
+    def film(self, number: str) -> tuple[Path, str] | None:
+        """Return the file and the name of a film that was made; None where it is not the latest one's number."""
+        film = self._messages.get("film", {})
+        return (Path(film["file"]), film["name"]) if film and str(film["number"]) == number else None
 
     def messages(self) -> list[tuple[str, dict[str, Any]]]:
         """Return the messages that a new tab needs."""
@@ -111,6 +119,7 @@ class Workbench:
             "keep": self._keep,
             "improve": lambda _: self._start("improve"),
             "report": lambda _: self._start("report"),
+            "film": lambda _: self._start("film"),
             "stop": lambda _: self._start("stop"),
             "try": self._try,
             "save": self._save,
@@ -133,6 +142,9 @@ class Workbench:
             self._messages.pop("refused", None)
             self._tell("result", {})
             return
+        if message.kind == "film":
+            self._filmed = self._draft
+            message = message._replace(content={**message.content, "number": message.number})
         if message.kind == "done":
             self._task = None
             self._tell("state", self.state())
@@ -162,7 +174,8 @@ class Workbench:
             self.is_stale = True
         for kind in ("refused", "written"):
             self._messages.pop(kind, None)
-        self._ask(Request(self._number, task, self._draft, self._kept, str(self._store.folder / _OUTPUT)))
+        folder = self._store.films if task == "film" else self._store.folder / _OUTPUT
+        self._ask(Request(self._number, task, self._draft, self._kept, str(folder)))
         self._tell("state", self.state())
 
     def start(self) -> None:

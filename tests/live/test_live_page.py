@@ -283,6 +283,23 @@ def test_what_to_change_is_stopped_and_tried(page):
 
 
 @pytest.mark.soak
+def test_a_film_is_made_seen_and_downloaded(page):
+    page.changed(DROP, "part.ngc", TEXT)
+    page.browser.run("document.querySelector('[data-do=film]').click()")
+    page.until("document.getElementById('video').readyState >= 1")
+    assert page.browser.run("return document.getElementById('video').videoWidth") == 960
+    assert page.browser.run("return document.getElementById('download').download") == "part.mp4"
+    size = """
+    const [done] = arguments;
+    fetch(document.getElementById("download").href).then((answer) => answer.blob()).then((film) => done(film.size));
+    """
+    assert page.browser.driver.execute_async_script(size) > 10_000
+    page.changed(TYPE, TEXT.replace("Y20", "Y30"))
+    assert page.browser.text("#former") == "of a former value"
+    page.browser.run("document.getElementById('film-close').click()")
+
+
+@pytest.mark.soak
 def test_every_control_moves_the_job(page):
     before = page.texts()
     sliders = "[...document.querySelectorAll('input[type=range]')]"

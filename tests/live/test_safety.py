@@ -13,6 +13,7 @@ from gantrysim.live.draft import Draft
 from gantrysim.live.guard import TOKEN, Guard
 from gantrysim.live.serving import opened
 from gantrysim.live.store import LONGEST_UPLOAD, Store
+from gantrysim.live.worker import Message
 
 PORT = 8123
 OWN = f"http://127.0.0.1:{PORT}"
@@ -57,6 +58,41 @@ def entered(served):
     return client
 
 
+@pytest.fixture
+def filmed(tmp_path, monkeypatch):
+    """A browser that has entered, a workbench with a film, and its address."""
+    monkeypatch.setattr("gantrysim.live.app.Worker", NoWorker)
+    film = tmp_path / "film.mp4"
+    film.write_bytes(bytes(range(100)))
+    hub = Hub(tmp_path, "an225", tmp_path)
+    guard = Guard(app_of(hub), "127.0.0.1", PORT)
+    with TestClient(guard, OWN, follow_redirects=False) as client:
+        client.get("/", params={TOKEN: guard.token})
+        hub.workbench.receive(Message(0, "film", {"name": 'a"\n<b>', "file": str(film)}))
+        yield client
+
+
+def test_a_film_is_given_in_parts_under_its_number_alone(filmed):
+    answer = filmed.get("/film", params={"number": "0"}, headers={"range": "bytes=10-19"})
+    assert (answer.status_code, answer.content) == (206, bytes(range(10, 20)))
+    assert answer.headers["content-type"] == "video/mp4"
+    assert answer.headers["cross-origin-resource-policy"] == "same-origin"
+    assert "\n" not in answer.headers["content-disposition"]
+    for number in ("", "1", "00", "../film.mp4", "/etc/passwd", "0\0"):
+        assert filmed.get("/film", params={"number": number}).status_code == 404
+    assert filmed.get("/film/0").status_code == 404
+    assert filmed.get("/film", params={"number": "0"}, headers={"range": "bytes=900-"}).status_code == 416
+
+
+def test_a_film_is_given_to_no_foreign_name_and_nothing_is_posted_there(filmed):
+    answer = filmed.get("/film", params={"number": "0"}, headers={"host": f"attacker.example:{PORT}"})
+    assert answer.status_code == 421
+    assert filmed.post("/film", params={"number": "0"}, headers={"origin": ELSEWHERE}).status_code == 403
+    assert filmed.post("/film", params={"number": "0"}, headers={"origin": OWN}).status_code == 405
+    filmed.cookies.clear()
+    assert filmed.get("/film", params={"number": "0"}).status_code == 403
+
+
 def socket_refused(client, **headers):
     try:
         with client.websocket_connect(SOCKET, headers=headers):
@@ -77,7 +113,7 @@ def test_the_first_address_sets_a_strict_cookie_and_hides_the_token(served):
     assert client.get("/").status_code == 200
 
 
-@pytest.mark.parametrize("path", ["/", "/workbench.js", "/workbench.css", "/viewer3d.js", "/socket", "/none"])
+@pytest.mark.parametrize("path", ["/", "/workbench.js", "/workbench.css", "/viewer3d.js", "/film", "/socket", "/none"])
 def test_nothing_is_served_without_the_cookie(served, path):
     _, client = served
     assert client.get(path).status_code == 403

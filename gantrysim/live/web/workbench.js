@@ -39,6 +39,7 @@ class Workbench {
       compiling: ({ text }) => this.say((this.compiling = text)),
       proposals: (proposals) => this.proposals(proposals),
       written: ({ folder, page }) => this.say(`written to ${page || folder}`),
+      film: (film) => this.film(film),
       refused: (refusal) => this.refused(refusal),
       remark: ({ text }) => this.remark(text),
       result: (head, content, bytes) => this.result(head, content, bytes),
@@ -84,6 +85,7 @@ class Workbench {
     const unsave = document.querySelector('[data-do="unsave"]');
     unsave.hidden = !state.saved;
     unsave.title = `put back what stood in ${state.saved}`;
+    at("former").textContent = state.filmed ? "" : "of a former value";
     at("where").textContent = `in ${state.folder}`;
     at("work").hidden = !state.busy;
     if (!state.busy) at("progress").removeAttribute("value");
@@ -139,7 +141,22 @@ class Workbench {
     this.answered();
   }
 
+  film({ name, number }) {
+    const address = `/film?number=${number}`;
+    at("video").setAttribute("src", address);
+    at("video").setAttribute("aria-label", `Film of ${name}`);
+    at("film-title").textContent = `Film of ${name}`;
+    at("download").setAttribute("href", address);
+    at("download").setAttribute("download", `${name}.mp4`);
+    at("film").hidden = false;
+    at("film").scrollIntoView({ block: "nearest" });
+  }
+
   refused(refusal) {
+    if (refusal && refusal.task !== "show") {
+      this.say(`${refusal.task}: ${refusal.text}`);
+      return;
+    }
     this.editor.setError(refusal);
     at("refused").hidden = !refusal;
     at("refused").textContent = refusal ? refusal.text : "";
@@ -181,6 +198,11 @@ class Workbench {
     });
     at("saving").addEventListener("close", () => {
       if (at("saving").returnValue === "save") this.order({ do: "save", name: at("file").value });
+    });
+    at("film-close").addEventListener("click", () => {
+      at("film").hidden = true;
+      at("video").removeAttribute("src");
+      at("video").load();
     });
     document.addEventListener("keydown", (event) => this.key(event));
     this.drops();
