@@ -18,7 +18,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gantrysim.base.errors import GantryError
 from gantrysim.live.packing import NOTHING, message
-from gantrysim.live.store import LONGEST_UPLOAD, Store
+from gantrysim.live.store import LONGEST_UPLOAD, Store, is_trace
 from gantrysim.live.workbench import Workbench, version_of
 from gantrysim.live.worker import Message, Worker
 from gantrysim.results.colours import css_variables
@@ -100,14 +100,20 @@ class Hub:
             seen = version
 
     async def upload(self, request: Request) -> Response:
-        """Keep a file that was dropped into the page, and open it."""
+        """Keep a file that was dropped into the page, and open it, or lay it beside the run."""
         content = bytearray()
         with suppress(ClientDisconnect):
             async for part in request.stream():
                 content += part
                 if len(content) > LONGEST_UPLOAD:
                     return PlainTextResponse(f"longer than {LONGEST_UPLOAD:,} bytes\n", _TOO_LONG)
-            self.workbench.open(self._store.take(request.query_params.get("name", ""), bytes(content)))
+            name = request.query_params.get("name", "")
+            is_beside = is_trace(name, bytes(content))
+            path = self._store.take(name, bytes(content), is_listed=not is_beside)
+            if is_beside:
+                self.workbench.lay_beside(path)
+            else:
+                self.workbench.open(path)
         return PlainTextResponse("")
 
     async def film(self, request: Request) -> Response:

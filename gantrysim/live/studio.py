@@ -15,6 +15,7 @@ from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.engine.linear import Engine
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
+from gantrysim.live.beside import Companion
 from gantrysim.live.controls import controls_of
 from gantrysim.live.draft import Draft, Refusal, Request
 from gantrysim.live.packing import NOTHING, Parts
@@ -61,6 +62,7 @@ class Studio:
         self._opened: tuple[tuple[Any, ...], Job] | None = None
         self._latest: Job | None = None
         self._reference: tuple[Draft, RunResults] | None = None
+        self._companion = Companion()
 
     def answer(self, request: Request, send: Send) -> None:
         """Compute the answer to a request, and send it in parts.
@@ -132,14 +134,22 @@ class Studio:
             return
         results = _results(job, run)
         go_on()
+        reference = None if request.reference is None else self._reference_results(request.reference, go_on)
+        runs: tuple[ComparedRun, ...] = ()
+        if request.beside is not None:
+            laid = self._companion.lay(request.beside, results, reference, anew=engine != QUICK)
+            if laid is None:
+                return
+            runs, head["beside"] = laid
         head |= _verdict(results.verdict) | {"sentence": headline(results)}
-        if request.reference is None:
-            content = ViewerData(results, most, flat_in_space=True).content()
-        else:
-            reference = self._reference_results(request.reference, go_on)
-            runs = ComparedRuns((ComparedRun.of(reference, "kept"), ComparedRun.of(results, "now")))
-            content = OverlayData(runs, most).content()
+        if reference is not None:
             head["kept"] = _verdict(reference.verdict)
+        if reference is not None and not runs:
+            runs = (ComparedRun.of(reference, "kept"), ComparedRun.of(results, "now"))
+        if runs:
+            content = OverlayData(ComparedRuns(runs), most).content()
+        else:
+            content = ViewerData(results, most, flat_in_space=True).content()
         go_on()
         send("result", {"head": head, "parts": Parts.of(content), "toml": job.toml()})
 

@@ -10,6 +10,7 @@ import pytest
 
 from gantrysim import Job
 from gantrysim.report.writing import results_of
+from gantrysim.results.colours import RUNS
 
 from support.browser import chromium
 
@@ -246,6 +247,26 @@ def test_a_drag_moves_the_part(page):
     assert moved > place + 1.0
     page.changed("document.querySelector('[data-do=\"undo\"]').click()")
     assert slid(page, "program.placement.x") == place
+
+
+def test_a_measured_trace_is_laid_beside_the_run(page, folder):
+    page.changed(OPEN, "short.toml")
+    job = Job.load(folder / "short.toml", {"servo.damping": 0.6})
+    run = job.run()
+    rows = [
+        f"{t:.4f},{a:.6f},{b:.6f},{c:.6f},{d:.6f}"
+        for t, (a, b), (c, d) in zip(run.time, run.commanded, run.encoder, strict=True)
+    ]
+    page.changed(DROP, "<b>log.csv", "\n".join(["time_s,commanded_x,commanded_y,encoder_x,encoder_y", *rows]))
+    assert page.browser.text("#beside-title") == "Beside: _b_log.csv"
+    assert page.browser.text("#difference").startswith("Contour error: ")
+    legend = "[...document.querySelectorAll('.readout.compared button')].map((b) => b.textContent)"
+    assert page.browser.run(f"return {legend}") == ["_b_log.csv", "now"]
+    colours = "[...document.querySelectorAll('.readout.compared line')].map((l) => l.getAttribute('stroke'))"
+    assert page.browser.run(f"return {colours}") == list(RUNS[:2])
+    page.changed("document.querySelector('[data-do=apart]').click()")
+    assert page.browser.run("return document.querySelector('.overlay')") is None
+    assert page.browser.run("return document.getElementById('beside').hidden")
 
 
 @pytest.mark.soak

@@ -222,6 +222,23 @@ def test_a_dropped_file_stays_in_the_temporary_folder(entered, tmp_path, name, s
     assert NoWorker.asked[-1].draft.path == str(tmp_path / "scratch" / stored)
 
 
+def test_a_dropped_trace_is_no_job_and_its_columns_name_no_file(entered, tmp_path):
+    log = "time,encoder_x\n" + "\n".join(f"{0.1 * k:.1f},{k}" for k in range(10))
+    answer = entered.post("/upload", params={"name": "../<b>.csv"}, content=log, headers={"origin": OWN})
+    assert answer.status_code == 200
+    request = NoWorker.asked[-1]
+    assert request.draft.path == "an225"
+    assert request.beside.path == str(tmp_path / "scratch" / "_b_.csv")
+    with entered.websocket_connect(SOCKET, headers={"origin": OWN}) as socket:
+        assert socket.receive_json()["jobs"]["dropped"] == []
+        for columns in ("/etc/passwd", "../secret.toml", 5, "x" * (1 << 25)):
+            socket.send_json({"do": "columns", "columns": columns})
+            assert socket.receive_json()["kind"] == "remark"
+        socket.send_json({"do": "columns", "columns": "time=t", "period": "soon"})
+        assert socket.receive_json()["kind"] == "remark"
+    assert NoWorker.asked[-1] is request
+
+
 def test_only_listed_jobs_are_opened(tmp_path):
     store = Store(tmp_path, tmp_path)
     for kind, name in (
