@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.base.quantity import Quantity, number_text
-from gantrysim.cli.terminal import joined
+from gantrysim.cli.terminal import unbreakable_text
 from gantrysim.glue.bead import BeadValues
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.plan import Plan
@@ -71,7 +71,7 @@ def verdict_table(verdict: Verdict) -> Table:
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for head, name, text in verdict.cells:
-        table.add_row(head, name, escape(joined(text)))
+        table.add_row(head, name, escape(unbreakable_text(text)))
     return table
 
 

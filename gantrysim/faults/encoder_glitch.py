@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from gantrysim.base.errors import InputError, whole
+from gantrysim.base.errors import InputError, whole_number
 from gantrysim.faults.fault import (
     REPORT,
     FaultAxis,
@@ -50,7 +50,7 @@ class EncoderGlitch(InjectedFault):
 
     def _check(self) -> None:
         check_counts(self.counts)
-        whole("ticks", self.ticks, 0)
+        whole_number("ticks", self.ticks, 0)
 
     @property
     def acts(self) -> bool:
