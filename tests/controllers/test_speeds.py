@@ -14,7 +14,7 @@ SPEEDS = {  # of the built-in jobs [mm/s]
     "fanuc-conical": 120.0,
     "fanuc-spiral": 100.0,
     "linuxcnc-flanges": 40.0,
-    "slicer-square": 100.0,
+    "slicer-square": 30.0,
     "softmc-arc": 150.0,
     "softmc-basic": 120.0,
     "softmc-helical": 200.0,
