@@ -150,7 +150,7 @@ def test_the_table_of_links_has_the_change_of_each_in_micrometres(comparison):
     contour = next(row for row in rows if row[0] == "contour")
     before, after = (UM * math.hypot(mean, swing / math.sqrt(2)) for mean, swing in (BEFORE, AFTER))
     assert [float(cell) for cell in contour[1:3]] == pytest.approx([before, after], rel=0.05)
-    change, share = contour[3].split(" ", 1)
+    change, share = contour[3].replace("−", "-").split(" ", 1)
     assert float(change) == pytest.approx(after - before, rel=0.05)
     assert share == f"({100 * float(change) / float(contour[1]):+.0f} %)"
 

@@ -1,6 +1,6 @@
 // The place of the 3-D view of the bead: its script is expanded when the view comes into sight.
 
-import { bytesOf } from "./data.js";
+import { expanded } from "./data.js";
 import { element } from "./dom.js";
 
 const AHEAD = "200px"; // of the window's edge, at which the script is expanded
@@ -11,11 +11,6 @@ function hasWebgl() {
   const context = document.createElement("canvas").getContext("webgl2");
   context?.getExtension("WEBGL_lose_context")?.loseContext(); // browsers allow few at a time
   return Boolean(context);
-}
-
-async function expanded(text) {
-  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Response(stream).text();
 }
 
 export class Space {
