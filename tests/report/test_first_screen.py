@@ -26,18 +26,11 @@ from gantrysim.report.plots.plan import magnification
 from gantrysim.report.viewer_data import ViewerData
 from gantrysim.results.run_results import RunResults
 
-from support.browser import chromium
 from support.viewer_jobs import viewer_job
 
 LINES = "[dispenser]\narea = 2.0\n"
 MOST_PAGES = 6
 REMEDY = Remedy("Flow by speed (area 2 mm²).", "✓ pass; 2.00 s, as before.", LINES)
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium")) as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +53,6 @@ def file(results, tmp_path_factory):
 
 @pytest.fixture
 def page(browser, file):
-    browser.media()
     browser.open(file, 1280, 800)
     return browser
 

@@ -18,7 +18,6 @@ from gantrysim.report.page import write_run_page
 from gantrysim.report.viewer_data import ViewerData
 from gantrysim.results.run_results import RunResults
 
-from support.browser import chromium
 from support.compared import RADIUS, START, on_circle
 from support.viewer_jobs import TEXT, viewer_job
 
@@ -52,12 +51,6 @@ UNITS = {"contour": "µm", "program": "µm", "servo": "µm", "encoder": "µm", "
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium")) as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
 def results():
     job = viewer_job()
     bead = Bead(job.run(), job.bead, None)
@@ -81,7 +74,6 @@ def file(results, tmp_path_factory):
 
 @pytest.fixture
 def page(browser, file):
-    browser.media()
     browser.open(file)
     browser.wait("document.querySelector('video').readyState > 0")  # with its size nothing moves any more
     yield browser
@@ -463,7 +455,6 @@ def test_one_cursor_over_two_runs(browser, tmp_path):
     """Values at the cursor against the closed form of both errors, by keys, click and legend."""
     errors = {"before": (0.030, 0.010), "after": (0.010, -0.005)}
     runs = [on_circle(*error, period) for error, period in zip(errors.values(), (0.001, 0.0016), strict=True)]
-    browser.media()
     browser.open(compare_runs(*runs, names=list(errors)).report(tmp_path / "compared"))
 
     def check():
