@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import re
 from html import escape
@@ -29,6 +30,7 @@ _ROOT = re.compile(r"<svg[^>]*>\s*")
 _VIEW_BOX = re.compile('viewBox="[^"]*"')
 _STYLE_SHEET = re.compile("<style.*?</style>", re.DOTALL)
 _TAG = re.compile("<[^>]*>")
+_IMAGE = re.compile(r"(data:image/png;base64,)([^\"]*)")
 _PATH = re.compile(' d="[^"]*"')
 _COMMAND = re.compile(r"([MLQCz])\s*([-\d.\s]*)")
 _HUNDREDTHS = 100.0
@@ -52,7 +54,7 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     assert root is not None
     assert view_box is not None
     # it would apply to the whole page
-    content = _STYLE_SHEET.sub("", svg[root.end() :])
+    content = _IMAGE.sub(_small_image, _STYLE_SHEET.sub("", svg[root.end() :]))
     ids: dict[str, str] = {}
 
     def new_id(match: re.Match[str]) -> str:
@@ -83,6 +85,18 @@ def _short_path(match: re.Match[str]) -> str:
         x, y = numbers[-2:] if numbers else start
         start = (x, y) if command == "M" else start
     return f' d="{path}"'
+
+
+def _small_image(match: re.Match[str]) -> str:
+    """Return an image with the 256 colours that are nearest to its own, where it is shorter so."""
+    from PIL import Image  # slow to import
+
+    picture = Image.open(io.BytesIO(base64.b64decode(match[2])))
+    few = picture.quantize(method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    file = io.BytesIO()
+    few.save(file, format="png", optimize=True)
+    short = base64.b64encode(file.getvalue()).decode("ascii")
+    return match[1] + min(match[2], short, key=len)
 
 
 def _hundredths(number: int) -> str:
