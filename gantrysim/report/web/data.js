@@ -11,6 +11,12 @@ export function bytesOf(text) {
   return bytes;
 }
 
+/** A text that is compressed by gzip, in base64. */
+export async function expanded(text) {
+  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).text();
+}
+
 function wordsOf(text) {
   const bytes = bytesOf(text);
   const words = new Uint16Array(bytes.length / 2);
