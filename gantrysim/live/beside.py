@@ -46,7 +46,7 @@ class Companion:
     def lay(
         self, given: Beside, results: RunResults, reference: RunResults | None = None, *, anew: bool
     ) -> Laid | None:
-        """Return the trace, a kept run and a run, each up to the last link that the trace measures.
+        """Return the trace, a former run and a run, each up to the last link that the trace measures.
 
         Args:
             given: file, and what its columns are.
