@@ -16,13 +16,13 @@ function hasWebgl() {
 /** The class of the view, from the script that the page holds. */
 async function expanded() {
   const text = document.getElementById("viewer-3d").textContent;
-  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const stream = new Blob([/** @type {BlobPart} */ (bytesOf(text))]).stream().pipeThrough(new DecompressionStream("gzip"));
   const code = await new Response(stream).text();
   return new Function(`${code}; return gantrysimSpace;`)().View;
 }
 
 export class Space {
-  /** @param load returns a promise of the class of the view */
+  /** @param load returns a promise of the class of the view @param {RunData} data @param {Cursor} cursor */
   constructor(data, cursor, load = expanded) {
     this.element = element("figure", { class: "view space" }, element("figcaption", {}, element("b", {}, "Bead in 3-D")));
     const reason = !hasWebgl() ? NO_WEBGL : typeof DecompressionStream === "undefined" ? NO_EXPANSION : "";
@@ -47,6 +47,7 @@ export class Space {
     this.view?.update();
   }
 
+  /** @param {RunData} data @param {Cursor} cursor @param {() => Promise<typeof import("./view3d.js").View>} load */
   async _show(load, data, cursor) {
     const View = await load();
     this.view = new View(data, cursor);
