@@ -15,7 +15,7 @@ from scipy.signal import find_peaks, welch
 
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError
-from gantrysim.base.quantity import contents
+from gantrysim.base.quantity import contents, number_text
 from gantrysim.compare.alignment import DEFAULT, Alignment
 from gantrysim.compare.alignment_words import alignment_content
 from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK
@@ -158,7 +158,7 @@ def coverage(simulated: Run, run: Run, alignment: Alignment) -> list[str]:
             "dispenser is on"
         )
     if alignment.others:
-        shifts = ", ".join(f"{shift - alignment.shift:+.4g}" for shift in alignment.others)
+        shifts = ", ".join(number_text(shift - alignment.shift, "+.4g") for shift in alignment.others)
         notes.append(
             f"the trace fits other parts of the run as well, with a time shift larger by {shifts} s: which part it "
             "covers is not identified"

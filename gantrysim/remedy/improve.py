@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from gantrysim.base.errors import GantryError, InputError, check_type, unknown
+from gantrysim.base.quantity import number_text
 from gantrysim.job.causes import Causes, Effect, causes_of
 from gantrysim.job.job import Job, check_job
 from gantrysim.metrics.budget import Budget
@@ -81,7 +82,7 @@ class Search:
         """Return the best combination, in the order in which its levers joined; empty where none helps."""
         self._bench.task.name = "combination"
         picks = best_combination(self._combinations, levers)
-        fewest = fewest_levers(self._combinations, picks, self._bench.motion_key)
+        fewest = fewest_levers(self._combinations, picks, self._bench.motion_key, self._bench.motions_fail)
         return merged_picks(self._combinations, fewest)
 
     def state_of(self, picks: Sequence[Pick]) -> State:
@@ -167,7 +168,7 @@ def another_part(before: Outcome, after: Outcome) -> str:
     largest = max(changes, key=abs, default=0.0)
     if abs(largest) <= _SAME_DOT:
         return ""
-    return f"another volume of dots, {largest:+.1f} %"
+    return f"another volume of dots, {number_text(largest, '+.1f')} %"
 
 
 def _share(effect: Effect) -> float:

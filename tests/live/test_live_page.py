@@ -12,31 +12,9 @@ from gantrysim import Job
 from gantrysim.report.writing import results_of
 from gantrysim.results.colours import RUNS
 
-from support.browser import chromium
+from support.live_jobs import JOB, TEXT
 
 PATIENCE = 60.0  # [s]
-TEXT = """G21 G90 G64 P0.02
-F6000
-G0 X5 Y0
-M62 P0
-G1 X30
-G1 Y20
-M63 P0
-M2
-"""
-JOB = """name = "short"
-machine = "xy"
-[program]
-controller = "trio.MoveSpiral"
-diameter = 30.0
-turns = 1
-thickness = 5.0
-speed = 100.0
-loop_period = 0.02
-acceleration = 2000.0
-[dispenser]
-flow = 200.0
-"""
 # puts a file on the page as a drag from the desktop does
 DROP = """
 const [name, text] = arguments;
@@ -66,16 +44,28 @@ WHOLE = f"{BENCH}.dataset.engine === 'mujoco' && document.getElementById('work')
 
 
 class Served:
-    """A server, and a browser that shows its page."""
+    """A server of the workbench."""
 
-    def __init__(self, browser, folder, job):
-        self.browser = browser
+    def __init__(self, folder, job):
         command = [sys.executable, "-m", "gantrysim", "live", job, "--no-browser"]
         self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
         self.address = re.search(r"http://\S+", self.process.stdout.readline())[0]
 
-    def open(self):
-        self.browser.driver.get(self.address)
+    def end(self):
+        self.process.send_signal(signal.SIGINT)
+        status = self.process.wait(PATIENCE)
+        self.process.stdout.close()
+        return status
+
+
+class Page:
+    """A browser that shows a server's page."""
+
+    def __init__(self, browser, served):
+        self.browser = browser
+        self.address = served.address
+        browser.resize(1280, 900)
+        browser.driver.get(self.address)
         self.until(WHOLE)
 
     def until(self, condition):
@@ -104,19 +94,6 @@ class Served:
         """
         return self.browser.run(script)
 
-    def end(self):
-        self.process.send_signal(signal.SIGINT)
-        status = self.process.wait(PATIENCE)
-        self.process.stdout.close()
-        return status
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium")) as opened:
-        opened.resize(1280, 900)
-        yield opened
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -127,17 +104,16 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def server(browser, folder):
-    served = Served(browser, folder, "short.toml")
+def server(folder):
+    served = Served(folder, "short.toml")
     yield served
     assert served.end() == 0
 
 
 @pytest.fixture
-def page(server):
-    server.open()
-    yield server
-    assert server.browser.messages() == []
+def page(browser, server):
+    yield Page(browser, server)
+    assert browser.messages() == []
 
 
 def expected(job):
@@ -271,19 +247,17 @@ def test_a_measured_trace_is_laid_beside_the_run(page, folder):
 
 @pytest.mark.soak
 def test_a_lost_server_is_said(browser, folder):
-    served = Served(browser, folder, "part.ngc")
-    served.open()
+    served = Served(folder, "part.ngc")
+    page = Page(browser, served)
     (folder / "part.ngc").write_text(TEXT.replace("Y20", "Y25"))
-    served.until("document.querySelector('textarea').value.includes('Y25')")
-    served.until(WHOLE)
+    page.until("document.querySelector('textarea').value.includes('Y25')")
+    page.until(WHOLE)
     assert browser.messages() == []
     served.process.kill()
     served.process.wait()
     served.process.stdout.close()
-    served.until("!document.getElementById('lost').hidden")
+    page.until("!document.getElementById('lost').hidden")
     assert "server is gone" in browser.text("#lost")
-    browser.driver.get("about:blank")
-    browser.messages()
 
 
 @pytest.mark.soak

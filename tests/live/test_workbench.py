@@ -17,26 +17,7 @@ from gantrysim.live.worker import Message
 from gantrysim.report.viewer_data import ViewerData
 from gantrysim.report.writing import results_of
 
-TEXT = """G21 G90 G64 P0.02
-F6000
-G0 X5 Y0
-M62 P0
-G1 X30
-M63 P0
-M2
-"""
-JOB = """name = "short"
-[program]
-controller = "trio.MoveSpiral"
-diameter = 30.0
-turns = 1
-thickness = 5.0
-speed = 100.0
-loop_period = 0.02
-acceleration = 2000.0
-[dispenser]
-flow = 200.0
-"""
+from support.live_jobs import JOB, TEXT
 
 
 class Answers:
