@@ -2,6 +2,7 @@
 
 import os
 import runpy
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ def simulated(lap, slide, file):
     machine = Machine(file)
     command = 1e3 * lap.command
     turns = [0, *(np.flatnonzero(np.diff(np.sign(np.diff(command))) != 0) + 1).tolist(), len(command) - 1]
-    path = Chain([Line((command[a], 0.0, 0.0), (command[b], 0.0, 0.0)) for a, b in zip(turns, turns[1:], strict=False)])
+    path = Chain([Line((command[a], 0.0, 0.0), (command[b], 0.0, 0.0)) for a, b in pairwise(turns)])
     progress = np.minimum(np.concatenate([[0.0], np.cumsum(np.abs(np.diff(command)))]), path.length)
     glue = np.ones(len(command), bool)
     setpoints = Setpoints(PERIOD, ("x",), command[:, None], glue, path, progress=progress)
