@@ -79,7 +79,7 @@ class Draft:
             InputError: a job file that cannot be read.
         """
         text = self.file_text()
-        if text is None or (self.text is None and is_trusted(expanded(self.path))):
+        if text is None or (self.text is None and is_trusted(expanded_path(self.path))):
             return None
         return code_of(text, self.path)
 
