@@ -5,7 +5,6 @@ Numbers are millimetres, or inches after G20, with or without a decimal point (c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,8 +16,7 @@ from gantrysim.controllers.fanuc.modal_state import ENDS, ModalState
 from gantrysim.controllers.fanuc.sequence import ProgramSource, Sequence
 from gantrysim.controllers.macro.variables import Parameters
 from gantrysim.controllers.speeds import SpeedWords
-from gantrysim.controllers.valve import NUMBERED, Outputs
-from gantrysim.paths.pieces import Vector
+from gantrysim.controllers.valve import NUMBERED
 
 SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=COMMENT, key="feed")
 _OUTPUTS = range(1100, 1116)  # variables of the interface's output signals
@@ -64,30 +62,17 @@ class ProgramMotions(NamedTuple):
     called_files: frozenset[str]
 
 
-def read(
-    source: ProgramSource,
-    start: Vector,
-    offsets: Mapping[str, float],
-    rotary: str,
-    outputs: Outputs,
-    flow_output: str = "",
-    upward: float = 1.0,
-) -> ProgramMotions:
+def read(source: ProgramSource, state: ModalState, flow_output: str = "") -> ProgramMotions:
     """Return the motions of a program.
 
     Args:
         source: texts, and how they are read.
-        start: initial position [mm].
-        offsets: cutter compensation by its number D [mm].
-        rotary: letter of the rotary axis.
-        outputs: which the program switches.
+        state: at the program's start; it holds the state at its end afterwards.
         flow_output: S, or the variable of an output, whose value sets the flow; empty for none.
-        upward: sign of the program's z on the work, -1 where it is a depth.
 
     Raises:
         Alarm: an invalid word, or invalid combination of words.
     """
-    state = ModalState(list(start), offsets, rotary, start, upward, outputs=outputs)
     sequence = Sequence(source, state.controller_variable)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     variable = int(flow_output[1:]) if flow_output.startswith("#") else 0
@@ -100,7 +85,7 @@ def read(
             halting=state.halting,
             continuous=state.continuous,
             zero_height=state.zero_height,
-            outputs=outputs.now,
+            outputs=state.outputs.now,
             flow=sequence.parameters.numbered(variable) if variable else state.spindle,
         )
         for words in sequence.run()

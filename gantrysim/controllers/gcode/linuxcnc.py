@@ -59,9 +59,9 @@ def halts_at_work(program: Interpreted) -> tuple[str, ...]:
     if not halts.any():
         return ()
     lines = ", ".join(f"{line:.0f}" for line in table[moves[:-1][halts][:_MOST_LINES] + 1, SOURCE])
-    more = ", ..." if halts.sum() > _MOST_LINES else ""
+    ending = ", ..." if halts.sum() > _MOST_LINES else ""
     return (
-        f"Between moves at feed, the motion stops {halts.sum()} times for a code (line {lines}{more}): LinuxCNC and "
+        f"Between moves at feed, the motion stops {halts.sum()} times for a code (line {lines}{ending}): LinuxCNC and "
         "grbl carry out M3 to M9, M64, M65, M68 and another S at rest; LinuxCNC's M62, M63 and M67 switch in motion.",
     )
 
