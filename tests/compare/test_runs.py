@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from gantrysim import Fault, InputError, SavedRun
+from gantrysim import Fault, InputError, Job, SavedRun
 from gantrysim.cli import terminal
 from gantrysim.cli.compare import comparison_tables
 from gantrysim.compare.runs.common_path import Track, parting_of
@@ -377,3 +377,15 @@ def test_the_overlay_begins_where_the_first_run_is_worst_by_its_verdict(comparis
     row = overlay.content()["worst"]
     _, (first, _) = overlay.columns()
     assert first["time"][row] == pytest.approx(verdict.worst_place.time, abs=2 * PERIODS[0])
+
+
+def test_the_overlay_begins_nowhere_where_the_first_run_passes():
+    program = {"controller": "linuxcnc.Program", "text": "G21 G90 G1 X20 F600\nY10\nM2\n"}
+    tolerance = {"path_max": 5.0, "bead_width": 99.0, "start_length": 5.0, "stop_length": 5.0}
+    content = {"name": "corner", "machine": "xy", "program": program, "dispenser": {"area": 1.0}}
+    job = Job.of_content({**content, "tolerance": tolerance}, "job corner")
+    run = job.follow()
+    passed = compare_runs(run, run.replaced(nozzle=run.nozzle + 1e-3))
+    assert passed.verdicts[0].state == "pass"
+    assert passed.verdicts[0].worst_place is not None
+    assert OverlayData(passed).content()["worst"] is None
