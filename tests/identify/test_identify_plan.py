@@ -66,7 +66,9 @@ def test_what_is_refused():
         excitation(Machine("delta"), "trio")
 
 
-@pytest.mark.parametrize(("travel", "longest"), [((-20.0, 100.0), 42.0), ((-100.0, 20.0), -42.0), ((-900.0, 10.0), -80.0)])
+@pytest.mark.parametrize(
+    ("travel", "longest"), [((-20.0, 100.0), 42.0), ((-100.0, 20.0), -42.0), ((-900.0, 10.0), -80.0)]
+)
 def test_strokes_go_towards_the_further_end_of_the_travel(travel, longest):
     """35 % of the travel, or 80 mm."""
     machine = Machine("xy")

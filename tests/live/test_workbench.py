@@ -80,7 +80,7 @@ def test_the_quick_and_the_whole_answer_are_the_commands_values(answers, tmp_pat
         rows = {row["name"]: row["texts"] for row in result["head"]["rows"]}
         assert rows == {row.name: list(row.texts) for row in results.verdict.rows}
     assert [quick["head"]["engine"], whole["head"]["engine"]] == ["loop", "mujoco"]
-    assert set(whole["parts"].columns) == set(ViewerData(results).content()["columns"])
+    assert set(whole["parts"].columns) == set(ViewerData(results, flat_in_space=True).content()["columns"])
     (margins,) = content_of(messages, "margins")
     assert margins["row"]["texts"] == rows["stability"]
 
