@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from gantrysim import Fault, InputError, Job, SavedRun
 from gantrysim.cli import terminal
 from gantrysim.cli.compare import comparison_tables
+from gantrysim.compare.runs.answer import _losses
 from gantrysim.compare.runs.common_path import Track, parting_of
 from gantrysim.compare.runs.compared_run import names_of_folders, names_of_jobs
 from gantrysim.compare.runs.differences import CheckChange
@@ -398,3 +399,17 @@ def test_the_errors_of_runs_over_one_another_have_the_limit(comparison):
     limits = [line.get_ydata()[0] for line in panel.lines if line.get_linestyle() == "--" and line.get_color() == BAD]
     texts = [text.get_text() for text in panel.texts]
     assert limits == pytest.approx([limit, -limit]) or texts == [f"limit ± {limit:.3g} µm, beyond this scale"]
+
+
+def test_what_is_worse_in_the_better_run_is_told_with_the_largest_loss_first():
+    def change(name, best, rival):
+        checks = (
+            Check(name=name, quantity=name, value=value, limit=10.0, unit="mm", source="given")
+            for value in (best, rival)
+        )
+        return CheckChange("glue", tuple(checks))
+
+    changes = [change("a", 12.0, 11.0), change("b", 30.0, 11.0), change("c", 5.0, 4.0), change("d", 20.0, 11.0)]
+    texts = _losses(changes, 0, 1).split("; ")
+    assert [text.partition(":")[0] for text in texts] == ["b", "d", "a"]
+    assert texts[0] == "b: 30.0 against 11.0 mm (at most 10.0 mm)"

@@ -137,6 +137,9 @@ def test_a_driven_dispenser_and_the_bounds_of_the_key():
     text = TRIO.format(first="AOUT(0)=2", second="AOUT(0)=5")
     with pytest.raises(InputError, match="per_output multiplies the program's flow_output, which is not stated"):
         perfect_follower(Machine("xy"), Basic(text=text).setpoints(PERIOD), dispenser=Dispenser(per_output=3.0))
+    # before anything is simulated
+    with pytest.raises(InputError, match="per_output multiplies the program's flow_output, which is not stated"):
+        Dispenser(per_output=3.0).check(Basic(text=text).setpoints(PERIOD))
     assert any("AOUT(0): set without effect" in note for note in Basic(text=text).notes)
     for word in ("AOUT", "M67 E0", "OP(5,2)", "OP(0,40)", "AOUT(64)", "AOUT(0,1)", "DAC AXIS(99)"):
         with pytest.raises(InputError, match="flow_output = "):
