@@ -149,7 +149,8 @@ class Evaluation:
             with suppress(Exception), share_bar("figures", self._go_on) as advance:
                 self._figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)
             with self._optional("plot"), share_bar("plots", self._go_on) as advance:
-                save_plots(results.budget, folder / PLOTS, results.bead, progress=advance, only_missing=True)
+                check = results.verdict.placed_check
+                save_plots(results.budget, folder / PLOTS, results.bead, advance, only_missing=True, check=check)
         self._write_card(folder)
         if self.wanted.video:
             self._film(folder)

@@ -103,6 +103,10 @@ def outcome_table(
     return table
 
 
+def _span(low: float, high: float, form: str) -> str:
+    return f"{number_text(low, form)} to {number_text(high, form)}"
+
+
 def plan_table(name: str, plan: Plan) -> Table:
     """Return what a job commands: lengths, time and extents."""
     table = Table.grid(padding=(0, 2))
@@ -119,15 +123,15 @@ def plan_table(name: str, plan: Plan) -> Table:
         f"{plan.ticks * plan.period:z.3f} s of machine time; about {plan.memory / _MB:z.0f} MB of memory{files}",
     )
     for k, axis in enumerate("xyz"):
-        table.add_row(f"tip {axis}", f"{plan.box[0, k]:z.3f} to {plan.box[1, k]:z.3f} mm", "")
+        table.add_row(f"tip {axis}", f"{_span(*plan.box[:, k], '.3f')} mm", "")
     for axis, extent in plan.travel.items():
         low, high = extent.bounds
         unit = plan.units[axis]
         fastest = plan.speeds[axis]
         table.add_row(
             f"axis {axis}",
-            f"{extent.least:z.3f} to {extent.largest:z.3f} {unit}",
-            f"of {low:g} to {high:g}; at most {fastest.largest:.4g} of {fastest.bounds[1]:.4g} {unit}/s",
+            f"{_span(extent.least, extent.largest, '.3f')} {unit}",
+            f"of {_span(low, high, 'g')}; at most {fastest.largest:.4g} of {fastest.bounds[1]:.4g} {unit}/s",
         )
     return table
 

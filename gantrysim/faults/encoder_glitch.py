@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from gantrysim.base.errors import InputError, whole_number
+from gantrysim.base.quantity import with_minus
 from gantrysim.faults.fault import (
     REPORT,
     FaultAxis,
@@ -61,7 +62,7 @@ class EncoderGlitch(InjectedFault):
 
     @property
     def magnitude(self) -> str:
-        return f"{self.counts:+d} counts for {servo_ticks(self.ticks)}"
+        return f"{with_minus(f'{self.counts:+d}')} counts for {servo_ticks(self.ticks)}"
 
     def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float:
         return offset_of_counts(self.kind, self.counts, axis)

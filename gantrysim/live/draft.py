@@ -18,7 +18,7 @@ from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.overrides import absolute_machine
 
-Task = Literal["show", "improve", "report", "stop", "end"]
+Task = Literal["show", "improve", "report", "film", "stop", "end"]
 
 _LINE = re.compile(r"\bline (\d+)")
 _WORD = re.compile(r"['\"]([^'\"\n]{1,40})['\"]|\b([A-Z]-?\d[\d.]*)\b")
@@ -106,15 +106,37 @@ class Draft:
             raise InputError(f"{self.name}: cannot be read: {error.strerror}") from None
 
 
+class Beside(NamedTuple):
+    """A measured trace, or the record of a run, beside the simulated runs.
+
+    Attributes:
+        path: of the file.
+        version: of the file, as another may come under its name.
+        columns: which are which quantities, as `--columns` of `gantrysim compare`; empty to tell by their names.
+        period: of the samples, for a log without time [s].
+    """
+
+    path: str
+    version: int = 0
+    columns: str = ""
+    period: float | None = None
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return Path(self.path).name
+
+
 class Request(NamedTuple):
     """What the worker is to do; a newer request ends an older one.
 
     Attributes:
         number: ascending.
-        task: "show" its run, "improve" it, write its "report", "stop", or "end" the process.
+        task: "show" its run, "improve" it, write its "report" or "film", "stop", or "end" the process.
         draft: the job; None to stop.
         reference: job with which its run is compared; None for none.
-        folder: to write a report to.
+        folder: to write a report or film to.
+        beside: what is measured beside it; None for nothing.
     """
 
     number: int
@@ -122,6 +144,7 @@ class Request(NamedTuple):
     draft: Draft | None = None
     reference: Draft | None = None
     folder: str = ""
+    beside: Beside | None = None
 
 
 class Refusal(NamedTuple):

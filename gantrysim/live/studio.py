@@ -15,6 +15,7 @@ from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.engine.linear import Engine
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
+from gantrysim.live.beside import Companion
 from gantrysim.live.controls import controls_of
 from gantrysim.live.draft import Draft, Refusal, Request
 from gantrysim.live.packing import NOTHING, Parts
@@ -34,6 +35,8 @@ from gantrysim.results.verdict import Verdict, stability_row
 QUICK: Engine = "loop"
 WHOLE: Engine = "mujoco"
 QUICK_ROWS = 4_000  # of a quick answer
+_FILM = "film.mp4"
+_SIMULATED = 0.1  # share of a film's time in which its run is simulated
 REST = 0.15  # without a newer request, after which the whole answer is computed [s]
 
 Send = Callable[[str, dict[str, Any]], None]
@@ -59,6 +62,7 @@ class Studio:
         self._opened: tuple[tuple[Any, ...], Job] | None = None
         self._latest: Job | None = None
         self._reference: tuple[Draft, RunResults] | None = None
+        self._companion = Companion()
 
     def answer(self, request: Request, send: Send) -> None:
         """Compute the answer to a request, and send it in parts.
@@ -78,6 +82,8 @@ class Studio:
                 self._improve(request.draft, send, go_on)
             elif request.task == "report":
                 self._report(request.draft, Path(request.folder), send, go_on)
+            elif request.task == "film":
+                self._film(request.draft, Path(request.folder), send, go_on)
             else:
                 self._show(request, send, go_on)
         except GantryError as error:
@@ -128,14 +134,22 @@ class Studio:
             return
         results = _results(job, run)
         go_on()
+        reference = None if request.reference is None else self._reference_results(request.reference, go_on)
+        runs: tuple[ComparedRun, ...] = ()
+        if request.beside is not None:
+            laid = self._companion.lay(request.beside, results, reference, anew=engine != QUICK)
+            if laid is None:
+                return
+            runs, head["beside"] = laid
         head |= _verdict(results.verdict) | {"sentence": headline(results)}
-        if request.reference is None:
-            content = ViewerData(results, most).content()
-        else:
-            reference = self._reference_results(request.reference, go_on)
-            runs = ComparedRuns((ComparedRun.of(reference, "kept"), ComparedRun.of(results, "now")))
-            content = OverlayData(runs, most).content()
+        if reference is not None:
             head["kept"] = _verdict(reference.verdict)
+        if reference is not None and not runs:
+            runs = (ComparedRun.of(reference, "kept"), ComparedRun.of(results, "now"))
+        if runs:
+            content = OverlayData(ComparedRuns(runs), most).content()
+        else:
+            content = ViewerData(results, most, flat_in_space=True).content()
         go_on()
         send("result", {"head": head, "parts": Parts.of(content), "toml": job.toml()})
 
@@ -214,6 +228,24 @@ class Studio:
         run = job.run(progress)
         page = write_report(job, run, folder / job.name, changes=changes_of, progress=progress)
         send("written", {"folder": str(folder / job.name), "page": "" if page is None else str(page)})
+
+    def _film(self, draft: Draft, folder: Path, send: Send, go_on: Callable[..., None]) -> None:
+        job = self._job(draft)
+        job.check_fit()
+
+        def simulating(share: float) -> None:
+            go_on()
+            send("progress", {"share": _SIMULATED * share, "task": "film: simulate"})
+
+        def drawing(share: float) -> None:
+            go_on()
+            send("progress", {"share": _SIMULATED + (1 - _SIMULATED) * share, "task": "film: draw"})
+
+        run = job.run(simulating)
+        file = folder / _FILM
+        folder.mkdir(exist_ok=True)
+        run.film(file, progress=drawing)
+        send("film", {"name": job.name, "file": str(file)})
 
 
 def _results(job: Job, run: Any) -> RunResults:

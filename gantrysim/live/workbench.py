@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gantrysim.base.errors import GantryError, InputError, unknown
+from gantrysim.base.errors import GantryError, InputError, positive, unknown
 from gantrysim.base.toml_files import read_toml
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.live.controls import OVERRIDE, Control, checked_values
-from gantrysim.live.draft import Draft, Request, Task
+from gantrysim.live.draft import Beside, Draft, Request, Task
 from gantrysim.live.packing import NOTHING, Parts
 from gantrysim.live.store import Saved, Store
 from gantrysim.live.worker import Message
@@ -19,7 +19,8 @@ from gantrysim.live.worker import Message
 _MOST_STEPS = 200  # of the history
 _LONGEST_TEXT = 1 << 24  # of a program or job that is edited [characters]
 _OUTPUT = "out"  # folder of reports, as of the command
-_SHOWN = ("text", "controls", "margins", "proposals", "written", "refused")  # kinds of messages that a new tab needs
+# kinds of messages that a new tab needs
+_SHOWN = ("text", "controls", "margins", "proposals", "written", "film", "refused")
 
 Tell = Callable[[str, dict[str, Any]], None]
 
@@ -51,6 +52,8 @@ class Workbench:
         self._undone: list[Draft] = []
         self._is_dragging = False
         self._kept: Draft | None = None
+        self._filmed: Draft | None = None
+        self._beside: Beside | None = None
         self._saved: Saved | None = None
         self._toml = ""  # of the latest result's job
         self._number = 0
@@ -72,10 +75,17 @@ class Workbench:
             "can_undo": bool(self._history),
             "can_redo": bool(self._undone),
             "kept": self._kept is not None,
+            "beside": None if self._beside is None else {**self._beside._asdict(), "name": self._beside.name},
+            "filmed": self._filmed == self._draft,
             "saved": "" if self._saved is None else self._saved.file.name,
             "busy": self._task or "",
             "number": self._number,
         }
+
+    def film(self, number: str) -> tuple[Path, str] | None:
+        """Return the file and the name of a film that was made; None where it is not the latest one's number."""
+        film = self._messages.get("film", {})
+        return (Path(film["file"]), film["name"]) if film and str(film["number"]) == number else None
 
     def messages(self) -> list[tuple[str, dict[str, Any]]]:
         """Return the messages that a new tab needs."""
@@ -85,7 +95,13 @@ class Workbench:
         """Open a job or program file, or a built-in job."""
         self._messages.pop("proposals", None)
         self._kept = None
+        self._beside = None
         self._change(self._fresh(path))
+
+    def lay_beside(self, path: str) -> None:
+        """Show a measured trace, or the record of a run, beside the simulated run."""
+        self._beside = Beside(path, version_of(path))
+        self._start("show")
 
     def reload(self) -> None:
         """Take over what stands in the file now, with the page's controls; edits of its text can be undone to."""
@@ -109,8 +125,11 @@ class Workbench:
             "redo": lambda _: self._step(self._undone, self._history),
             "reset": lambda _: self._change(self._fresh(self._draft.path)),
             "keep": self._keep,
+            "columns": self._name_columns,
+            "apart": lambda _: self._take_away(),
             "improve": lambda _: self._start("improve"),
             "report": lambda _: self._start("report"),
+            "film": lambda _: self._start("film"),
             "stop": lambda _: self._start("stop"),
             "try": self._try,
             "save": self._save,
@@ -133,6 +152,9 @@ class Workbench:
             self._messages.pop("refused", None)
             self._tell("result", {})
             return
+        if message.kind == "film":
+            self._filmed = self._draft
+            message = message._replace(content={**message.content, "number": message.number})
         if message.kind == "done":
             self._task = None
             self._tell("state", self.state())
@@ -162,7 +184,8 @@ class Workbench:
             self.is_stale = True
         for kind in ("refused", "written"):
             self._messages.pop(kind, None)
-        self._ask(Request(self._number, task, self._draft, self._kept, str(self._store.folder / _OUTPUT)))
+        folder = self._store.films if task == "film" else self._store.folder / _OUTPUT
+        self._ask(Request(self._number, task, self._draft, self._kept, str(folder), self._beside))
         self._tell("state", self.state())
 
     def start(self) -> None:
@@ -194,6 +217,23 @@ class Workbench:
 
     def _keep(self, order: Mapping[str, Any]) -> None:
         self._kept = self._draft if order.get("on") else None
+        self._start("show")
+
+    def _name_columns(self, order: Mapping[str, Any]) -> None:
+        """Take over which columns of the trace are which quantities: as text, never as a file's name."""
+        if self._beside is None:
+            raise InputError("no trace lies beside the run")
+        columns = _text(order, "columns").strip()
+        if columns and "=" not in columns:
+            raise InputError(f"columns {columns}: must be as in time=t,encoder.x=px")
+        period = order.get("period")
+        if period is not None:
+            period = positive("period", period, "s")
+        self._beside = self._beside._replace(columns=columns, period=period)
+        self._start("show")
+
+    def _take_away(self) -> None:
+        self._beside = None
         self._start("show")
 
     def _try(self, order: Mapping[str, Any]) -> None:

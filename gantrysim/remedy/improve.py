@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from gantrysim.base.errors import GantryError, InputError, check_type, unknown
+from gantrysim.base.quantity import number_text
 from gantrysim.job.causes import Causes, Effect, causes_of
 from gantrysim.job.job import Job, check_job
 from gantrysim.metrics.budget import Budget
@@ -167,7 +168,7 @@ def another_part(before: Outcome, after: Outcome) -> str:
     largest = max(changes, key=abs, default=0.0)
     if abs(largest) <= _SAME_DOT:
         return ""
-    return f"another volume of dots, {largest:+.1f} %"
+    return f"another volume of dots, {number_text(largest, '+.1f')} %"
 
 
 def _share(effect: Effect) -> float:

@@ -24,7 +24,8 @@ from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, shown_gains
-from gantrysim.results.checks import FAIL
+from gantrysim.results.checks import FAIL, PASS, Check
+from gantrysim.results.glue import ploughing_remedy
 from gantrysim.results.glue_causes import without_dead_time, without_lag
 from gantrysim.results.row import Row
 from gantrysim.results.score import row_burden, usage_of, usages_of
@@ -257,6 +258,9 @@ def _quoted_word(text: str) -> str:
 
 
 AS_IT_IS = "unchanged"
+# of a failing value, by which a change that is told as its remedy lowers it; likewise where its limit is 0
+_LOWERED = 0.05
+_LOWERED_TO_ZERO = 0.5
 USAGE = "worst value of each row in % of its limit: above 80 % a warning, above 100 % a failure"
 USAGE_NOTE = f"{USAGE}; = and + mark the best combination, each lever with those before it"
 
@@ -324,6 +328,8 @@ class Improvement(Shown):
         names = names_of(self.combination)
         if self.after.burden == 0:
             return f"passes with {names}."
+        if missed := self._missed:
+            return missed
         begin = f"best with {names}" if names else "no lever helps"
         worst = max(self.improved.rows, key=row_burden)
         reach = "nothing meets the tolerance" if worst.state == FAIL else "no combination leaves a 20 % margin"
@@ -331,7 +337,38 @@ class Improvement(Shown):
         # then the row says itself what it lacks, as dots that get no glue
         if worst.fails_without_check or not worst.checks:
             return f"{remains}, {worst.remark}."
-        return f"{remains}, {worst.checks[0]}. What forbids it is {bound_of(self.job, self.after, worst.name)}."
+        return f"{remains}, {worst.checks[0].brief}. What forbids it is {bound_of(self.job, self.after, worst.name)}."
+
+    @property
+    def _missed(self) -> str:
+        """What to do about the worst value where no lever lowers it, and what the levers do; empty where one does."""
+        row = self.verdict.worst_row
+        check = self.verdict.worst_check
+        if row is None or check is None or self._lowers(row, check):
+            return ""
+        order = ploughing_remedy(self.improved[row.name])
+        what = order or f"what forbids it is {bound_of(self.job, self.after, row.name)}"
+        text = f"no lever cures {check.brief}: {what}."
+        others = [
+            f"{gain.quantity} {gain.text}"
+            for gain in shown_gains(self.verdict, self.improved)
+            if gain.quantity != check.quantity and self.verdict[gain.row].state != PASS and gain.before != gain.after
+        ]
+        if not others or not self.combination:
+            return text
+        names = names_of(self.combination)
+        verb = "are" if len(self.combination) > 1 else "is"
+        return f"{text} {names[0].upper()}{names[1:]} {verb} for what else fails: {', '.join(others)}."
+
+    def _lowers(self, row: Row, check: Check) -> bool:
+        """Return whether the improved job keeps the limit of a failing check, or comes nearer to it."""
+        if check.state != FAIL:
+            return True
+        now = next((same for same in self.improved[row.name].checks if same.name == check.name), None)
+        if now is None or now.state != FAIL:
+            return True
+        gained = now.value - check.value if check.at_least else check.value - now.value
+        return gained > (_LOWERED if check.limit else _LOWERED_TO_ZERO) * abs(check.value)
 
     @property
     def by_place_sentence(self) -> str:
@@ -396,9 +433,7 @@ class Improvement(Shown):
         for gain in shown_gains(self.verdict, self.after.verdict):
             if not gain.quantity:
                 continue
-            unit = f" {gain.unit}" if gain.unit else ""
-            values = f"{format(gain.before, f'z{gain.form}')} → {_value(gain.after, gain.form)}{unit}"
-            lines.append(f"{gain.row}: {gain.quantity} {values}")
+            lines.append(f"{gain.row}: {gain.quantity} {gain.text}")
         lines.append(f"time: {self.before.duration:.2f} → {self.after.duration:.2f} s")
         return lines
 
@@ -459,10 +494,6 @@ def _usage(row: Row) -> str:
         return f"{100 * usage:.0f} %"
     finite = [other for other in usages_of(row) if math.isfinite(other)]
     return f"∞, {100 * max(finite):.0f} %" if finite else "∞"
-
-
-def _value(value: float, form: str) -> str:
-    return NOTHING if math.isnan(value) else format(value, f"z{form}")
 
 
 def _record(trial: Trial, *, combined: bool) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from gantrysim.remedy.outcome import Outcome
 from gantrysim.report.answer import Remedy
 from gantrysim.report.changes import Changes
 from gantrysim.report.document import Section, Table, lead_of
-from gantrysim.results.checks import PASS
+from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.verdict import Verdict
 
 TITLE = "What to change"
@@ -95,8 +95,10 @@ def remedy_of(improvement: Improvement) -> Remedy:
         values = f"{values}; speed by place: gantrysim improve JOB --out FOLDER writes the program".removeprefix("; ")
     outcome = f"{after.headline}{remains}; {time}"
     lines = improvement.lines
+    names = f"{names_of(improvement.combination)}."
     return Remedy(
-        _caption(f"{names_of(improvement.combination)}."),
+        # what remains stands beside the levers, so that no change seems to cure what it does not
+        _caption(names if after.state != FAIL else improvement.sentence),
         f"{outcome}. Costs: {costs}." if costs else f"{outcome}.",
         lines.get("job file") or lines.get("command line", ""),
         tuple(options(improvement.base, improvement.job)),

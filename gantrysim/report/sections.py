@@ -17,7 +17,7 @@ from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG, LAG, PROGRAM
 from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartValues
 from gantrysim.record.run import Run
-from gantrysim.report.document import Column, Section, Table, with_minus
+from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.headline import NO_ERROR, contour_sentence
 from gantrysim.report.plots.bead import draw_bead_along
 from gantrysim.report.plots.budget import draw_by_turn, draw_shares
@@ -66,7 +66,7 @@ def budget_section(results: RunResults) -> Section:
     numbers: list[str | Column] = [*(Column.of(quantity) for quantity in shown), "x, y, z [mm]"]
 
     def row(part: PartValues, *labels: str) -> list[str | float | None]:
-        point = ",\N{NO-BREAK SPACE}".join(with_minus(number_text(place, ".1f")) for place in part.point)
+        point = ",\N{NO-BREAK SPACE}".join(number_text(place, ".1f") for place in part.point)
         where = [None] * 3 if part.rms < NO_ERROR else [part.s, part.time, point]
         return [*labels, *(quantity.in_unit(quantity.get(part)) for quantity in (_SHARE, *PART_SIZES)), *where]
 
@@ -267,7 +267,7 @@ def _volumes(values: BeadValues) -> Table:
 
 def facts_of(rows: Iterable[RowTexts]) -> list[RowTexts]:
     """Return rows of name, value and remark as facts of a page."""
-    return [(f"{name[0].upper()}{name[1:]}", with_minus(value), with_minus(remark)) for name, value, remark in rows]
+    return [(f"{name[0].upper()}{name[1:]}", value, remark) for name, value, remark in rows]
 
 
 def _coarse_bead(figure: Figure, bead: Bead) -> None:

@@ -153,11 +153,13 @@ class ViewerData:
     Args:
         results: of the run.
         most: about the largest number of ticks shown.
+        flat_in_space: whether a bead that leaves no plane has the 3-D view too.
     """
 
-    def __init__(self, results: RunResults, most: int = MOST_ROWS) -> None:
+    def __init__(self, results: RunResults, most: int = MOST_ROWS, *, flat_in_space: bool = False) -> None:
         self.results = results
         self._most = most
+        self._flat_in_space = flat_in_space
 
     @cached_property
     def series(self) -> tuple[Series, ...]:
@@ -167,8 +169,8 @@ class ViewerData:
 
     @cached_property
     def in_space(self) -> bool:
-        """Whether the page has a 3-D view: the bead leaves a plane."""
-        return leaves_plane(self.results.budget.analysis.run)
+        """Whether there is a 3-D view: the bead leaves a plane, or flat ones have it too."""
+        return self._flat_in_space or leaves_plane(self.results.budget.analysis.run)
 
     @property
     def _bead(self) -> Bead | None:
@@ -182,7 +184,7 @@ class ViewerData:
         nozzle = budget.analysis.nozzle
         yield Series("s", "s", "mm", "", lambda: nozzle.s, ticks, "distance along the requested path")
         for axis, name in enumerate("xyz"):
-            if name == "z" and extent(lambda block: run.nozzle[block, 2], len(run.time)) < _LEVEL:
+            if name == "z" and not self.in_space and extent(lambda block: run.nozzle[block, 2], len(run.time)) < _LEVEL:
                 continue
             position = partial(_coordinate, run, "nozzle", axis)
             yield Series(name, name, "mm", "", position, None, "nozzle in the work frame")

@@ -64,7 +64,8 @@ def write_report(
         results = results_of(job, run, causes)
         write_run(scratch, results)
         figures = figures_ahead(sections_with_figures(results), scratch / PLOTS)
-        save_plots(results.budget, scratch / PLOTS, bead=results.bead, only_missing=True)
+        check = results.verdict.placed_check
+        save_plots(results.budget, scratch / PLOTS, bead=results.bead, only_missing=True, check=check)
         proposal = changes(job, results.verdict) if changes is not None and isinstance(job, Job) else None
         if proposal is not None:
             write_summary(scratch, results, proposal)

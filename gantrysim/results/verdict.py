@@ -152,14 +152,19 @@ class Verdict(Shown):
         return None if row is None else row.worst_check
 
     @property
-    def worst_place(self) -> Place | None:
-        """Where the run is worst: of the worst value whose time is known, also in a run that passes; None without any.
+    def placed_check(self) -> Check | None:
+        """The worst value whose time is known, also of a run that passes; None without any.
 
         Stability has no place: the next row by severity then has the worst one.
         """
         rows = sorted(self.rows, key=lambda row: row.severity, reverse=True)
-        checks = [check for row in rows for check in row.checks if check.place.time is not None]
-        return checks[0].place if checks else None
+        return next((check for row in rows for check in row.checks if check.place.time is not None), None)
+
+    @property
+    def worst_place(self) -> Place | None:
+        """Where the run is worst: the place of `placed_check`; None without any."""
+        check = self.placed_check
+        return None if check is None else check.place
 
     @property
     def headline(self) -> str:

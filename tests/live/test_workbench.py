@@ -1,7 +1,9 @@
 """The workbench's state: history, saving, comparison, texts and refusals, and the answers of its worker."""
 
 import json
+from pathlib import Path
 
+import imageio.v3
 import numpy as np
 import pytest
 
@@ -15,26 +17,7 @@ from gantrysim.live.worker import Message
 from gantrysim.report.viewer_data import ViewerData
 from gantrysim.report.writing import results_of
 
-TEXT = """G21 G90 G64 P0.02
-F6000
-G0 X5 Y0
-M62 P0
-G1 X30
-M63 P0
-M2
-"""
-JOB = """name = "short"
-[program]
-controller = "trio.MoveSpiral"
-diameter = 30.0
-turns = 1
-thickness = 5.0
-speed = 100.0
-loop_period = 0.02
-acceleration = 2000.0
-[dispenser]
-flow = 200.0
-"""
+from support.live_jobs import JOB, TEXT
 
 
 class Answers:
@@ -181,6 +164,42 @@ def test_the_report_is_written_as_the_command_does(answers, tmp_path):
     job = Job.load(file)
     summary = json.loads((tmp_path / "out" / "short" / "summary.json").read_text())
     assert summary["verdict"]["headline"] == results_of(job, job.run(), causes=False).verdict.headline
+
+
+@pytest.mark.soak
+def test_a_film_shows_the_run_and_a_newer_request_leaves_none(answers, tmp_path):
+    file = tmp_path / "short.toml"
+    file.write_text(JOB)
+    draft = Draft(str(file), values={"program.speed": 400.0})
+    (film,) = content_of(answers.ask("film", draft, folder=str(tmp_path / "films")), "film")
+    frames = imageio.v3.imread(film["file"])
+    end = Job.load(file, {"program.speed": 400.0}).run().time[-1]
+    assert len(frames) == pytest.approx(25 * (end + 1), abs=2)  # with the end card
+    request = Request(answers.number + 1, "film", draft, folder=str(tmp_path / "others"))
+    answers.number += 1
+    answers.studio.newest = request.number
+
+    def send(kind, content):
+        if content.get("task") == "film: draw":
+            answers.studio.newest = request.number + 1
+
+    with pytest.raises(StaleError):
+        answers.studio.answer(request, send)
+    assert list((tmp_path / "others").iterdir()) == []
+    answers.number += 1
+
+
+def test_a_film_of_a_former_draft_is_said(bench):
+    made, asked, _ = bench
+    made.do({"do": "film"})
+    assert asked[-1].task == "film"
+    number = asked[-1].number
+    made.receive(Message(number, "film", {"name": "short", "file": "film.mp4"}))
+    assert made.state()["filmed"]
+    made.do({"do": "program", "text": "x"})
+    assert not made.state()["filmed"]
+    assert made.film(str(number)) == (Path("film.mp4"), "short")
+    assert made.film(str(number + 1)) is None
 
 
 def test_a_newer_request_ends_an_older_one(answers):

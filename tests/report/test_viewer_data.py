@@ -296,6 +296,14 @@ def test_a_page_has_the_third_dimension_where_the_bead_climbs(shown):
     assert ViewerData(shown).content()["space"] is None
 
 
+def test_a_flat_bead_has_the_third_dimension_where_it_is_asked_for(shown):
+    content = ViewerData(shown, flat_in_space=True).content()
+    columns = {name: decoded(content["columns"][name], content["rows"]) for name in ("z", "height")}
+    assert np.abs(columns["z"]).max() < LEVEL
+    assert columns["height"].max() == pytest.approx(shown.bead.height.max(), rel=1e-4)
+    assert content["space"]["gap"] == shown.bead.gap
+
+
 def test_corners_that_the_nozzle_does_not_reach_are_sent():
     """The map draws the requested path through the feet of the nozzle, which leave out the tip of a rounded corner."""
     text = "G21 G90\nF3600\nG0 X0 Y0\nG1 X40 Y0\nG1 X11.33 Y20.075\nM2"

@@ -11,9 +11,22 @@ import { regionOf } from "../../report/web/map.js";
 import { Overlay } from "../../report/web/overlay.js";
 import { Plan } from "../../report/web/plan.js";
 import { Readout } from "../../report/web/readout.js";
+import { Space } from "../../report/web/space.js";
 import { Strips } from "../../report/web/strips.js";
 
-const BOTH = "both";
+const LABELS = { bead: "Bead", plan: "Path error", both: "Both", space: "3-D" };
+const SHOWN = { both: ["bead", "plan"] }; // by a choice, where it is not the view of its name
+
+/** The class of the 3-D view, whose script is loaded once. */
+function loadSpace() {
+  if (window.gantrysimSpace) return Promise.resolve(window.gantrysimSpace.View);
+  return new Promise((resolve, reject) => {
+    const script = element("script", { src: "/viewer3d.js" });
+    script.addEventListener("load", () => resolve(window.gantrysimSpace.View));
+    script.addEventListener("error", reject);
+    document.head.append(script);
+  });
+}
 
 export class Views {
   /**
@@ -54,23 +67,26 @@ export class Views {
     const { cursor, region } = this;
     if (compared) {
       this.strips = new ComparedStrips(data, cursor);
-      this.views = [new Overlay(data, cursor, region)];
+      const overlay = new Overlay(data, cursor, region);
+      this.views = { overlay };
       const setRun = (number, shown) => {
         this.strips.setRun(number, shown);
-        this.views[0].setRun(number, shown);
+        overlay.setRun(number, shown);
       };
       this.readout = new ComparedReadout(data, cursor, setRun);
     } else {
       this.strips = new Strips(data, cursor);
       this.readout = new Readout(data, cursor, (name, shown) => this.strips.setShown(name, shown));
-      this.views = [new Plan(data, cursor, region)];
-      if (data.width || data.dots.length) this.views.unshift(new BeadMap(data, cursor, region));
+      this.views = {};
+      if (data.width || data.dots.length) this.views.bead = new BeadMap(data, cursor, region);
+      this.views.plan = new Plan(data, cursor, region);
+      if (data.space) this.views.space = new Space(data, cursor, loadSpace);
       cursor.onMove((row) => this.lineAt(data.column.line[row]));
     }
     this.moving = false;
-    for (const { map } of this.views) this._movable(map);
+    for (const { map } of this._all()) if (map) this._movable(map);
     this.places.readout.replaceChildren(this.readout.element);
-    this.places.views.replaceChildren(...this._choices(), ...this.views.map((view) => view.element));
+    this.places.views.replaceChildren(this._choices(), ...this._all().map((view) => view.element));
     this.places.strips.replaceChildren(this.strips.element);
     this._choose(this.choice);
     cursor.set(cursor.row, "start");
@@ -84,7 +100,11 @@ export class Views {
     data.load(content);
     if (!this.held) this.region.box = this._region().box; // drawn below, with the scales of the new data
     cursor.resize(data.rows, wasWorst ? data.worst : nearest(this._along(), place));
-    for (const view of [...this.views, this.strips]) view.update();
+    for (const view of [...this._all(), this.strips]) view.update();
+  }
+
+  _all() {
+    return Object.values(this.views);
   }
 
   /** What the cursor holds on to while runs change: the time, or the common place. */
@@ -137,28 +157,30 @@ export class Views {
     if (!this.placing.place()) return [];
     const changed = (on) => {
       this.moving = on;
-      for (const { map } of this.views) map.surface.classList.toggle("moving", on);
+      for (const { map } of this._all()) map?.surface.classList.toggle("moving", on);
     };
     return [toggle("Move part", false, changed, { title: "drag the part to another place; the sliders x and y do the same" })];
   }
 
+  /** The buttons that choose what is shown. */
   _choices() {
-    if (this.views.length < 2) return [element("div", { class: "choices" }, ...this._mover())];
-    const names = { bead: "Bead", plan: "Path error", [BOTH]: "Both" };
-    this.buttons = Object.entries(names).map(([name, label]) => {
-      const button = element("button", { type: "button", "data-view": name }, label);
-      button.addEventListener("click", () => this._choose(name));
+    const isThere = (choice) => (SHOWN[choice] || [choice]).every((name) => name in this.views);
+    const choices = Object.keys(LABELS).filter(isThere);
+    if (choices.length && !isThere(this.choice)) this.choice = choices[0];
+    this.buttons = choices.map((choice) => {
+      const button = element("button", { type: "button", "data-view": choice }, LABELS[choice]);
+      button.addEventListener("click", () => this._choose(choice));
       return button;
     });
-    return [element("div", { class: "choices", role: "group", "aria-label": "View" }, ...this.buttons, ...this._mover())];
+    return element("div", { class: "choices", role: "group", "aria-label": "View" }, ...this.buttons, ...this._mover());
   }
 
-  _choose(name) {
-    this.choice = name;
-    if (this.views.length < 2) return;
-    for (const button of this.buttons) button.setAttribute("aria-pressed", String(button.dataset.view === name));
-    this.views[0].element.hidden = name === "plan";
-    this.views[1].element.hidden = name === "bead";
+  _choose(choice) {
+    this.choice = choice;
+    if (!this.buttons.length) return;
+    for (const button of this.buttons) button.setAttribute("aria-pressed", String(button.dataset.view === choice));
+    const shown = SHOWN[choice] || [choice];
+    for (const [name, view] of Object.entries(this.views)) view.element.hidden = !shown.includes(name);
   }
 
   /** Highlight the path of a line of the program, 0 for none. */

@@ -9,6 +9,7 @@ import { Views } from "./views.js";
 
 const SEEN = "gantrysim-live-seen";
 const GROUPS = { folder: "in this folder", dropped: "dropped", "built-in": "built-in" };
+const RECORD = "run.npz"; // of the folder of a run
 const FORMER = "computing; what is shown is of the former value";
 
 const at = (id) => document.getElementById(id);
@@ -36,9 +37,10 @@ class Workbench {
       controls: ({ controls }) => this.controls.show(controls),
       margins: ({ row }) => this.margins(row),
       progress: (progress) => this.progress(progress),
-      compiling: ({ text }) => this.say(text),
+      compiling: ({ text }) => this.say((this.compiling = text)),
       proposals: (proposals) => this.proposals(proposals),
       written: ({ folder, page }) => this.say(`written to ${page || folder}`),
+      film: (film) => this.film(film),
       refused: (refusal) => this.refused(refusal),
       remark: ({ text }) => this.remark(text),
       result: (head, content, bytes) => this.result(head, content, bytes),
@@ -77,6 +79,7 @@ class Workbench {
     const listed = JSON.stringify([state.jobs, state.path]);
     if (listed !== this.listed) this.jobs(state);
     this.listed = listed;
+    const before = this.state;
     this.state = state;
     const enabled = { undo: state.can_undo, redo: state.can_redo, reset: state.changed };
     for (const [name, can] of Object.entries(enabled)) document.querySelector(`[data-do="${name}"]`).disabled = !can;
@@ -84,6 +87,9 @@ class Workbench {
     const unsave = document.querySelector('[data-do="unsave"]');
     unsave.hidden = !state.saved;
     unsave.title = `put back what stood in ${state.saved}`;
+    at("beside").hidden = !state.beside;
+    if (state.beside && state.beside.path !== before.beside?.path) this.laidBeside(state.beside);
+    at("former").textContent = state.filmed ? "" : "of a former value";
     at("where").textContent = `in ${state.folder}`;
     at("work").hidden = !state.busy;
     if (!state.busy) at("progress").removeAttribute("value");
@@ -98,7 +104,7 @@ class Workbench {
   paintStale() {
     at("bench").classList.toggle("stale", this.stale);
     if (this.stale) this.say(FORMER);
-    else if (at("status").textContent === FORMER) this.say("");
+    else if ([FORMER, this.compiling].includes(at("status").textContent)) this.say("");
   }
 
   jobs({ jobs, path }) {
@@ -129,6 +135,7 @@ class Workbench {
     this.shown = head.number;
     this.refused(null);
     showVerdict(at("verdict"), head);
+    if (head.beside) this.difference(head.beside);
     document.title = `${head.headline.slice(0, 1)} ${head.name}, gantrysim live`;
     this.views.show(content, head.name);
     at("bench").dataset.engine = head.engine;
@@ -139,7 +146,37 @@ class Workbench {
     this.answered();
   }
 
+  laidBeside({ name, columns, period }) {
+    at("beside-title").textContent = `Beside: ${name}`;
+    at("difference").textContent = "comparing …";
+    at("notes").replaceChildren();
+    at("columns").value = columns;
+    at("period").value = period ?? "";
+  }
+
+  difference({ sentence, notes, failed }) {
+    at("difference").textContent = sentence;
+    at("difference").classList.toggle("alarm", failed);
+    at("notes").replaceChildren(...notes.map((note) => element("p", {}, note)));
+    if (failed) at("assign").open = true;
+  }
+
+  film({ name, number }) {
+    const address = `/film?number=${number}`;
+    at("video").setAttribute("src", address);
+    at("video").setAttribute("aria-label", `Film of ${name}`);
+    at("film-title").textContent = `Film of ${name}`;
+    at("download").setAttribute("href", address);
+    at("download").setAttribute("download", `${name}.mp4`);
+    at("film").hidden = false;
+    at("film").scrollIntoView({ block: "nearest" });
+  }
+
   refused(refusal) {
+    if (refusal && refusal.task !== "show") {
+      this.say(`${refusal.task}: ${refusal.text}`);
+      return;
+    }
     this.editor.setError(refusal);
     at("refused").hidden = !refusal;
     at("refused").textContent = refusal ? refusal.text : "";
@@ -182,6 +219,16 @@ class Workbench {
     at("saving").addEventListener("close", () => {
       if (at("saving").returnValue === "save") this.order({ do: "save", name: at("file").value });
     });
+    at("columns-form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      const { value } = at("period");
+      this.order({ do: "columns", columns: at("columns").value, period: value === "" ? null : Number(value) });
+    });
+    at("film-close").addEventListener("click", () => {
+      at("film").hidden = true;
+      at("video").removeAttribute("src");
+      at("video").load();
+    });
     document.addEventListener("keydown", (event) => this.key(event));
     this.drops();
     this.first();
@@ -206,8 +253,10 @@ class Workbench {
     document.addEventListener("drop", async (event) => {
       event.preventDefault();
       document.body.classList.remove("dropping");
-      const file = event.dataTransfer.files[0];
+      const folder = event.dataTransfer.items[0]?.webkitGetAsEntry?.();
+      const file = folder?.isDirectory ? await recordOf(folder) : event.dataTransfer.files[0];
       if (file) await this.upload(file);
+      else this.say(`${folder ? folder.name : "what was dropped"}: no file, nor a folder with ${RECORD}`);
     });
   }
 
@@ -230,6 +279,14 @@ class Workbench {
       } catch {}
     });
   }
+}
+
+/** The record in the folder of a run; null where there is none. */
+function recordOf(folder) {
+  return new Promise((resolve) => {
+    const failed = () => resolve(null);
+    folder.getFile(RECORD, {}, (entry) => entry.file(resolve, failed), failed);
+  });
 }
 
 new Workbench();

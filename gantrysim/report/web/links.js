@@ -5,7 +5,8 @@ import { number } from "./data.js";
 
 const NUMBER = "[−-]?[\\d,]*\\.?\\d+";
 const PATTERN = new RegExp(
-  `t = (${NUMBER}) s|x = (${NUMBER}), y = (${NUMBER})(?:, z = (${NUMBER}))? mm|\\bline (\\d+)\\b`,
+  // a space may be one at which no line ends
+  `t = (${NUMBER}) s|x = (${NUMBER}), y = (${NUMBER})(?:, z = (${NUMBER}))? mm|\\bline (\\d+)\\b`.replaceAll(" ", "\\s"),
   "g",
 );
 const SKIPPED = "script, style, pre, svg, h1, h2, nav, a, button, .viewer, .stage";

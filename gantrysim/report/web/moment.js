@@ -17,6 +17,7 @@ export class Moment {
     if (line) parts.push(`line ${line}`);
     if (!isNaN(data.size[row])) parts.push(`path error ${data.text("contour", row)}`);
     if (data.width && data.column.dispense[row]) parts.push(`bead width ${data.text("width", row)}`);
-    this.element.textContent = parts.join(" · ");
+    // lines end between parts only
+    this.element.textContent = parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ");
   }
 }

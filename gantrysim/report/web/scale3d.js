@@ -19,6 +19,11 @@ export class Scale3d {
     this.element = this.bar.element;
   }
 
+  /** Show the tolerance of other data. */
+  update() {
+    this.bar.show(this.byWidth);
+  }
+
   get quantity() {
     return this.byWidth ? "the deviation of its width" : "the error of its path";
   }

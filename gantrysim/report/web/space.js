@@ -13,13 +13,17 @@ function hasWebgl() {
   return Boolean(context);
 }
 
-async function expanded(text) {
+/** The class of the view, from the script that the page holds. */
+async function expanded() {
+  const text = document.getElementById("viewer-3d").textContent;
   const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Response(stream).text();
+  const code = await new Response(stream).text();
+  return new Function(`${code}; return gantrysimSpace;`)().View;
 }
 
 export class Space {
-  constructor(data, cursor) {
+  /** @param load returns a promise of the class of the view */
+  constructor(data, cursor, load = expanded) {
     this.element = element("figure", { class: "view space" }, element("figcaption", {}, element("b", {}, "Bead in 3-D")));
     const reason = !hasWebgl() ? NO_WEBGL : typeof DecompressionStream === "undefined" ? NO_EXPANSION : "";
     if (reason) {
@@ -31,17 +35,22 @@ export class Space {
       (entries) => {
         if (!entries.some((entry) => entry.isIntersecting)) return;
         observer.disconnect();
-        this._load(data, cursor);
+        this._show(load, data, cursor);
       },
       { rootMargin: AHEAD },
     );
     observer.observe(this.element);
   }
 
-  async _load(data, cursor) {
-    const code = await expanded(document.getElementById("viewer-3d").textContent);
-    const { View } = new Function(`${code}; return gantrysimSpace;`)();
-    this.element.replaceChildren(...new View(data, cursor).children);
+  /** Show other data of the run. */
+  update() {
+    this.view?.update();
+  }
+
+  async _show(load, data, cursor) {
+    const View = await load();
+    this.view = new View(data, cursor);
+    this.element.replaceChildren(...this.view.children);
     performance.mark("viewer-3d-ready");
   }
 }

@@ -44,10 +44,14 @@ export class View {
     this.data = data;
     this.cursor = cursor;
     this.factor = 1; // of the heights
-    this._measure();
     this.scale = new Scale3d(data);
     this.camera = new Camera(HOME);
     this.labels = new Labels(this);
+    this.renderer = new WebGLRenderer({ antialias: true });
+    this.renderer.outputColorSpace = LinearSRGBColorSpace;
+    this.scene = new Scene();
+    this.root = new Group();
+    this.scene.add(this.root);
     this._build();
     this.base = this.renderer.domElement;
     this.base.setAttribute("aria-hidden", "true");
@@ -64,23 +68,21 @@ export class View {
   _measure() {
     const { data } = this;
     const { x, y, z, dispense } = data.column;
-    const only = (values) => values.map((value, row) => (dispense[row] ? value : NaN));
+    const all = [...data.column.x.keys()];
+    const laid = all.filter((row) => dispense[row]);
+    this.laid = laid.length ? laid : all; // a dry run's path
+    const only = (values) => this.laid.map((row) => values[row]);
     const box = { x: extent(only(x)), y: extent(only(y)), z: extent(only(z)) };
     box.z = [box.z[0] - data.space.gap, box.z[1]];
     const middle = ([low, high]) => (low + high) / 2;
     this.frame = { x: middle(box.x), y: middle(box.y), z: middle(box.z) };
     this.size = Math.max(...Object.values(box).map(([low, high]) => high - low));
     this.box = box;
-    this.laid = [...data.column.x.keys()].filter((row) => dispense[row]);
   }
 
   _build() {
+    this._measure();
     const { data, frame } = this;
-    this.renderer = new WebGLRenderer({ antialias: true });
-    this.renderer.outputColorSpace = LinearSRGBColorSpace;
-    this.scene = new Scene();
-    this.root = new Group();
-    this.scene.add(this.root);
     this.ground = new Ground(this.box, frame);
     this.ribbon = new Ribbon(data, frame, this.size);
     this.dots = new Dots(data, frame);
@@ -91,6 +93,28 @@ export class View {
     const travel = this._lines((row) => !data.column.dispense[row], (row) => z[row], this.travel);
     const shade = this._lines((row) => data.column.dispense[row], () => this.ground.z, this.shade);
     this.root.add(this.ground.object, shade, travel, this.ribbon.object, this.dots.object, this.machine.object);
+  }
+
+  /** Show other data of the run, from where the camera looks. */
+  update() {
+    this.outdated = true; // built anew when it is drawn, as it may be out of sight
+    this._redraw();
+  }
+
+  _rebuild() {
+    this.outdated = false;
+    const isShown = this.machine.object.visible;
+    this.root.traverse(({ geometry, material }) => {
+      geometry?.dispose();
+      material?.dispose();
+    });
+    this.root.clear();
+    this._build();
+    this.machine.object.visible = isShown;
+    this.machine.fade(this.width);
+    this.scale.update();
+    this._paint();
+    if (this.whole) this._fit();
   }
 
   /** Lines along the path where a condition holds, at a height. */
@@ -148,10 +172,12 @@ export class View {
         this._redraw();
       },
       pan: (dx, dy) => {
+        this.whole = false;
         this.camera.pan(dx, dy, this.height);
         this._redraw();
       },
       zoom: (factor, x = this.width / 2, y = this.height / 2) => {
+        this.whole = false;
         this.camera.zoom(factor, x - this.width / 2, y - this.height / 2, this.height);
         this._redraw();
       },
@@ -209,6 +235,7 @@ export class View {
 
   /** Show the whole bead from where the camera looks. */
   _fit() {
+    this.whole = true; // until it is moved or zoomed
     const { data, frame, factor } = this;
     const { x, y, z } = data.column;
     const every = Math.ceil(this.laid.length / MOST_POINTS);
@@ -245,6 +272,7 @@ export class View {
   }
 
   _draw() {
+    if (this.outdated) this._rebuild();
     const { camera, data } = this;
     if (this.stale) {
       if (this.machine.object.visible) this.machine.pose(data.column.tick[this.cursor.row]);

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import number_text
 from gantrysim.metrics import CircularTest, Trace, minimum_zone
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.report.document import Column, Table
@@ -181,7 +182,7 @@ def _draw_chart(test: CircularTest) -> Figure:
             round_, np.zeros(round_.size), lw=1.6, color=INK, label=f"nominal, radius {test.clockwise.radius:g} mm"
         )
         steps = division * np.arange(-rings, rings + 1)
-        axes.set_yticks(steps, [f"{step:+g}" if step else "0" for step in steps])
+        axes.set_yticks(steps, [number_text(step, "+g") for step in steps])
         axes.tick_params(axis="y", labelsize=8)
         axes.set_rlabel_position(22.5)
         axes.set_ylim(-_INSIDE * rings * division, 1.05 * rings * division)
@@ -210,7 +211,7 @@ def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reac
                 panel.plot(spike, top, "v" if reversal.spike > 0 else "^", ms=5, color=COLOURS["fault"])
                 right = spike < 180
                 panel.annotate(
-                    f"{UM * reversal.spike:+.1f}",
+                    number_text(UM * reversal.spike, "+.1f"),
                     (spike, top),
                     xytext=(7 if right else -7, -3),
                     textcoords="offset points",
