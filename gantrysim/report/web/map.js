@@ -184,6 +184,8 @@ export class PlanMap {
     context.stroke();
     const places = [[px + WORST, py - 12, "left"], [px - WORST, py - 12, "right"], [px, py - 26, "center"]];
     this.texts.write(text, places, { fillStyle: ink, halo: colours.paper, always: true });
+    // of the triangle, and of the cursor that begins there
+    this.texts.keep([px - WORST, py - 6 - WORST, px + WORST, py + WORST]);
   }
 
   /** Draw the cursor, and the box of a drag. */

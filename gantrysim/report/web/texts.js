@@ -9,6 +9,11 @@ export class Texts {
     this.boxes = [];
   }
 
+  /** Keep a place free of the texts that follow, [left, top, right, bottom]. */
+  keep(box) {
+    this.boxes.push(box);
+  }
+
   /**
    * Write a text at the first of some places where there is room, [x, y, align], y in its middle; returns whether there
    * is any. With `always`, it stands at the first place, moved into the picture.
