@@ -111,7 +111,9 @@ def _values(improvement: Improvement) -> str:
     """Return the worst values after the changes of the rows that do not pass without them, or with them."""
     bad = [row.name for row in improvement.verdict.rows if row.state != PASS]
     rows = [row for row in improvement.improved.rows if row.checks and (row.name in bad or row.state != PASS)]
-    return "; ".join(f"{row.name}: {row.checks[0].brief}" for row in rows)
+    # the worst one is told with the verdict
+    told = improvement.improved.worst_check
+    return "; ".join(f"{row.name}: {row.checks[0].brief}" for row in rows if row.checks[0] is not told)
 
 
 def _caption(text: str) -> str:

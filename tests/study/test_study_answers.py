@@ -264,7 +264,7 @@ def test_the_speed_is_judged_by_the_job_s_limits():
     text = report({50.0: 20.0, 100.0: 88.0}, glue="fail")
     assert text == (
         f"No speed tried, from 50 to 100 mm/s, keeps {WHOLE}: 50 mm/s comes nearest (glue: glue in words), so speed is "
-        f"not the lever; gantrysim improve an225 tries the others. By {MOTION}, 50 mm/s is the fastest."
+        f"not the lever; gantrysim improve an225 tries the others. By {MOTION}{AS_GOOD}, 50 mm/s is the fastest."
     )
     faster = {"glue": "fail"}
     rows = [
