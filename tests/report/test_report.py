@@ -218,7 +218,8 @@ def test_the_headline_of_a_trip_is_what_happened_and_names_no_link():
     contour = budget.values.contour
     text = contour_sentence(budget)
     assert text == (
-        f"Fault: following error on axis {fault.axis} at t = {fault.time:.4f} s: {number_text(fault.value, '.4g')} mm, limit 0.03 mm. "
+        f"Fault: following error on axis {fault.axis} at t = {fault.time:.4f} s: {number_text(fault.value, '.4g')} mm, "
+        "limit 0.03 mm. "
         f"Contour error until then: {1e3 * contour.rms:.1f} µm rms, max {1e3 * contour.max:.1f} µm."
     )
     assert summary(RunResults(job, job.built_machine, budget))["headline"] == text
@@ -229,7 +230,8 @@ def test_the_headline_of_a_stuck_axis_blames_nothing_else():
     text = contour_sentence(Budget(run))
     assert text.startswith(
         "Stuck axis x at t = 1.0000 s: seized until the end. "
-        f"Supervision: following error on axis x at t = {run.fault.time:.4f} s: {number_text(run.fault.value, '.4g')} mm, limit 5 mm. "
+        f"Supervision: following error on axis x at t = {run.fault.time:.4f} s: "
+        f"{number_text(run.fault.value, '.4g')} mm, limit 5 mm. "
         "Contour error until then: "
     )
     assert not any(link in text for link in LINKS)
