@@ -112,8 +112,8 @@ def _values(improvement: Improvement) -> str:
     bad = [row.name for row in improvement.verdict.rows if row.state != PASS]
     rows = [row for row in improvement.improved.rows if row.checks and (row.name in bad or row.state != PASS)]
     # the worst one is told with the verdict
-    told = improvement.improved.worst_check
-    return "; ".join(f"{row.name}: {row.checks[0].brief}" for row in rows if row.checks[0] is not told)
+    worst = improvement.improved.worst_check
+    return "; ".join(f"{row.name}: {row.checks[0].brief}" for row in rows if row.checks[0] is not worst)
 
 
 def _caption(text: str) -> str:
