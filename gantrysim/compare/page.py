@@ -342,7 +342,7 @@ def _budgets(comparison: Comparison) -> Table:
             cells += [size.get(part) for size in PART_SIZES]
         difference = comparison.unexplained[name]
         span = comparison.parts.get(name, "requested path to the last link measured")
-        rows.append([name, span, *map(DIFFERENCE.scaled, (*cells, difference.rms, difference.max))])
+        rows.append([name, span, *map(DIFFERENCE.in_unit, (*cells, difference.rms, difference.max))])
     return Table(heads, rows, "Error normal to the requested path, measured, simulated, and their difference", COLOURS)
 
 
@@ -368,5 +368,5 @@ def over_time_table(comparison: Comparison) -> Table:
 
 
 def _peaks(comparison: Comparison) -> Table:
-    rows = [[quantity.scaled(quantity.get(peak)) for quantity in PEAK] for peak in comparison.peaks]
+    rows = [[quantity.in_unit(quantity.get(peak)) for quantity in PEAK] for peak in comparison.peaks]
     return Table(list(map(Column.of, PEAK)), rows, "Peaks of the spectrum")

@@ -181,7 +181,7 @@ def _long(name: str, member: Member, stream: _Tee) -> Stored:
         count = block.stop - block.start
         content = stream.read(count * math.prod(row) * member.dtype.itemsize)
         table.write(block.start, {name: np.frombuffer(content, member.dtype).reshape(count, *row)})
-    return table.stored(rows)[name]
+    return table.first_rows(rows)[name]
 
 
 def _archive_name(name: str) -> bytes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from gantrysim.base.errors import GantryError
 from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
 from gantrysim.job.job import Job
@@ -30,6 +32,8 @@ def bound_of(job: Job, outcome: Outcome, row: str) -> str:
         return f"the program link: {ploughed}" if ploughed else _glue_bound(job)
     if row == STABILITY:
         return "the servo: its loops have too little margin"
+    if any(getattr(job.controller, name, 0.0) == math.inf for name in job.controller.ramp_arguments):
+        return "the program: it limits no acceleration, so that its speed jumps"
     return "the drives: their torque or speed has too little reserve"
 
 

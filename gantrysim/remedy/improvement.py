@@ -15,7 +15,7 @@ from gantrysim.base.display import Shown, table_html
 from gantrysim.base.errors import InputError
 from gantrysim.base.extras import extra
 from gantrysim.base.quantity import NOTHING
-from gantrysim.exchange.gains import DIALECTS, exported
+from gantrysim.exchange.gains import DIALECTS, export_gains
 from gantrysim.job.job import Job
 from gantrysim.job.overrides import known_keys
 from gantrysim.remedy.bounds import bound_of
@@ -141,11 +141,11 @@ def controller_words(base: Job, improved: Job) -> str:
     if name not in DIALECTS or base.built_servo == improved.built_servo:
         return ""
     try:
-        exported(name, base.built_machine.axes, base.built_servo)
+        export_gains(name, base.built_machine.axes, base.built_servo)
     except InputError:  # the words cannot express the job as it is, whatever changes
         return ""
     try:
-        text, notes = exported(name, improved.built_machine.axes, improved.built_servo)
+        text, notes = export_gains(name, improved.built_machine.axes, improved.built_servo)
     except InputError as error:
         return f"{error}\n"
     return text + "".join(f"note: {note}\n" for note in notes)

@@ -254,6 +254,16 @@ def stability_row(job: Basis, margins: tuple[Margins, ...] | None, tolerance: To
     )
 
 
+def motion_rows(job: Basis, budget: Budget) -> Iterator[Row]:
+    """Yield the rows of the verdict on a complete run of a job that its glue does not change, the cheapest first."""
+    run = budget.analysis.run
+    tolerance = job.limits(run.face)
+    line_at = program_lines(job, len(run.time))
+    yield stability_row(job, job.margins, tolerance)
+    yield machine_row(job, run, tolerance, places_of(run, line_at))
+    yield path_row(budget.contour_values, tolerance, line_at)
+
+
 def machine_verdict(job: Basis, run: Run) -> Row:
     """Return the verdict on the drives of a complete run of a job, which needs neither budget nor bead."""
     tolerance = job.limits(run.face)

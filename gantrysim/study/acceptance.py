@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from gantrysim.base.errors import InputError, positive, shown, unknown
+from gantrysim.base.errors import InputError, positive, short_text, unknown
 from gantrysim.base.quantity import MAX, P95, RMS, SHARE, STD, numbers_of
 from gantrysim.engine.recording import needle_values
 from gantrysim.glue.bead.values import VOLUME_ERROR_PERCENT, WIDTH
@@ -376,7 +376,7 @@ class ToleranceStudy(Study):
         if self.tolerance is not None:
             return Criterion(self.metric or _METRIC, self.tolerance)
         if self.metric is not None:
-            figure = shown(self.metric)
+            figure = short_text(self.metric)
             raise InputError(f"figure = {figure}: needs a tolerance; without both, the job's own limits apply")
         return JobCriterion()
 

@@ -115,9 +115,8 @@ def draw_limit(axes: Axes, limit: float, signed: bool = True) -> None:
     low, high = axes.get_ylim()
     text = limit_text(limit, signed)
     if limit > FAR * max(-low, high):
-        place = (0.995, 0.94)
-        style = {"xycoords": "axes fraction", "ha": "right", "va": "top", "color": BAD, "fontsize": 8}
-        axes.annotate(f"{text}, beyond this scale", place, **style)
+        text = f"{text}, beyond this scale"
+        axes.text(0.995, 0.94, text, transform=axes.transAxes, ha="right", va="top", color=BAD, fontsize=8)
         return
     for side in (1, -1) if signed else (1,):
         axes.axhline(side * limit, color=BAD, lw=1.2, ls="--", label=text if side > 0 else "_")

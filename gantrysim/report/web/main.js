@@ -21,6 +21,7 @@ const HINT =
   "Hover moves the cursor, a click pins it, ← → step (with Shift 50 samples), Home and End. Drag or wheel zooms, " +
   "Shift-drag pans, a double click shows everything. The wheel zooms in the view that was clicked last.";
 
+/** @param {HTMLElement} place @param {RunContent} content */
 function showRun(place, content) {
   const data = new RunData(content);
   const cursor = new Cursor(data.rows, data.worst);
@@ -52,7 +53,7 @@ function showRun(place, content) {
 
 /** Where a browser is too old to expand its data, the page stays as it is without scripts. */
 async function start() {
-  const place = document.querySelector(".viewer");
+  const place = /** @type {HTMLElement} */ (document.querySelector(".viewer"));
   const content = JSON.parse(await expanded(document.getElementById("viewer-data").textContent));
   document.documentElement.classList.add("live");
   const cursor = content.runs ? showComparison(place, content) : showRun(place, content);

@@ -20,7 +20,7 @@ async function viewOfPage() {
 }
 
 export class Space {
-  /** @param load returns a promise of the class of the view */
+  /** @param load returns a promise of the class of the view @param {RunData} data @param {Cursor} cursor */
   constructor(data, cursor, load = viewOfPage) {
     this.element = element("figure", { class: "view space" }, element("figcaption", {}, element("b", {}, "Bead in 3-D")));
     const reason = !hasWebgl() ? NO_WEBGL : typeof DecompressionStream === "undefined" ? NO_EXPANSION : "";
@@ -45,6 +45,7 @@ export class Space {
     this.view?.update();
   }
 
+  /** @param {RunData} data @param {Cursor} cursor @param {() => Promise<typeof import("./view3d.js").View>} load */
   async _show(load, data, cursor) {
     const View = await load();
     this.view = new View(data, cursor);
