@@ -13,7 +13,10 @@ export class Texts {
     this.boxes = [];
   }
 
-  /** Keep a place free of the texts that follow, [left, top, right, bottom]. */
+  /**
+   * Keep a place free of the texts that follow, [left, top, right, bottom].
+   * @param {number[]} box
+   */
   keep(box) {
     this.boxes.push(box);
   }
