@@ -24,7 +24,7 @@ from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, shown_gains
 from gantrysim.results.checks import FAIL, PASS, Check
-from gantrysim.results.glue import ploughing_remedy
+from gantrysim.results.glue import ploughing_reason, ploughing_remedy
 from gantrysim.results.row import Row
 from gantrysim.results.score import row_burden, usage_of, usages_of
 from gantrysim.results.verdict import Verdict
@@ -264,7 +264,9 @@ class Improvement(Shown):
         # then the row says itself what it lacks, as dots that get no glue
         if worst.fails_without_check or not worst.checks:
             return f"{remains}, {worst.remark}."
-        return f"{remains}, {worst.checks[0].brief}. What forbids it is {bound_of(self.job, self.after, worst.name)}."
+        reason = ploughing_reason(worst)
+        bound = reason or f"what forbids it is {bound_of(self.job, self.after, worst.name)}"
+        return f"{remains}, {worst.checks[0].brief}. {bound[0].upper()}{bound[1:]}."
 
     @property
     def _missed(self) -> str:

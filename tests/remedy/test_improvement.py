@@ -97,7 +97,7 @@ def test_what_no_lever_cures_is_told_first_with_what_does():
     sentence = result_of(most, before=before, combination=picked(most, "lift", before=before)).sentence
     assert sentence == (
         "best with lift (× 2); nothing meets the tolerance: glue remains, bead ploughed 0.5 mm, at most 0 mm. "
-        "What forbids it is the program link: the path crosses its own bead: lay it without crossings."
+        "The path crosses its own bead: lay it without crossings."
     )
 
 
