@@ -252,12 +252,12 @@ class Improvement(Shown):
             return f"{self.verdict.fault} The run ends in a fault: no lever is tried before that is repaired."
         if self.before.burden == 0 and not self.combination:
             return f"nothing to change: the verdict is {self.verdict.state}."
-        names = names_of(self.combination)
+        names = names_of(self.by_worst_value)
         if self.after.burden == 0:
             return f"passes with {names}."
         if missed := self._missed:
             return missed
-        begin = f"best with {names_of(self._by_worst_value)}" if names else "no lever helps"
+        begin = f"best with {names}" if names else "no lever helps"
         worst = max(self.improved.rows, key=row_burden)
         reach = "nothing meets the tolerance" if worst.state == FAIL else "no combination leaves a 20 % margin"
         remains = f"{begin}; {reach}: {worst.name} remains"
@@ -290,7 +290,7 @@ class Improvement(Shown):
         return f"{text} {names[0].upper()}{names[1:]} {verb} for what else fails: {', '.join(others.values())}."
 
     @property
-    def _by_worst_value(self) -> list[Trial]:
+    def by_worst_value(self) -> list[Trial]:
         """The levers of the combination, those first that lower the worst value."""
         row = self.verdict.worst_row
         check = self.verdict.worst_check

@@ -95,7 +95,7 @@ def remedy_of(improvement: Improvement) -> Remedy:
         values = f"{values}; speed by place: gantrysim improve JOB --out FOLDER writes the program".removeprefix("; ")
     outcome = f"{after.headline}{remains}; {time}"
     lines = improvement.lines
-    names = f"{names_of(improvement.combination)}."
+    names = f"{names_of(improvement.by_worst_value)}."
     return Remedy(
         # what remains stands beside the levers, so that no change seems to cure what it does not
         _caption(names if after.state != FAIL else improvement.sentence),
