@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 
 import tomli_w
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.files import replaced_file
 from gantrysim.base.toml_files import read_text
 from gantrysim.job.code import is_trusted
@@ -79,7 +79,7 @@ class Draft:
             InputError: a job file that cannot be read.
         """
         text = self.file_text()
-        if text is None or (self.text is None and is_trusted(expanded(self.path))):
+        if text is None or (self.text is None and is_trusted(expanded_path(self.path))):
             return None
         return code_of(text, self.path)
 
@@ -110,7 +110,7 @@ class Draft:
             return self.text
         if self.path in builtin_jobs():
             return job_text(self.path)
-        file = expanded(self.path)
+        file = expanded_path(self.path)
         if file.suffix.lower() != ".toml":
             return None
         try:
@@ -204,5 +204,5 @@ def _standing_alone(text: str, path: str) -> str:
     if isinstance(content.get("machine"), str):
         content["machine"] = absolute_machine(content["machine"], folder)
     if isinstance(program, dict) and isinstance(program.get("file"), str):
-        program["file"] = str(folder / expanded(program["file"]))
+        program["file"] = str(folder / expanded_path(program["file"]))
     return tomli_w.dumps(content)

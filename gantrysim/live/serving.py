@@ -10,7 +10,7 @@ from pathlib import Path
 
 import uvicorn
 
-from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.errors import InputError, expanded_path, unknown
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.live.app import Hub, app_of
 from gantrysim.live.consent import Terminal
@@ -57,7 +57,7 @@ def opened(job: str) -> tuple[Path, str]:
     """
     if job in builtin_jobs():
         return Path.cwd(), job
-    path = expanded(job).absolute()
+    path = expanded_path(job).absolute()
     if path.is_dir():
         return path, builtin_jobs()[0]
     if not path.exists():

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from gantrysim.base import memory
-from gantrysim.base.errors import whole
+from gantrysim.base.errors import whole_number
 from gantrysim.engine.linear import difference_note
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
@@ -127,7 +127,7 @@ class Bench:
 
     def __init__(self, base: Job, workers: int | None = None, progress: Progress | None = None) -> None:
         cores = os.cpu_count() or 1
-        self._workers = cores if workers is None else min(whole("workers", workers, 1), cores)
+        self._workers = cores if workers is None else min(whole_number("workers", workers, 1), cores)
         self.family = Family(base)
         self._progress = progress
         self._outcomes: dict[str, Outcome] = {}

@@ -68,11 +68,6 @@ class Outcome:
         return self.state == PASS
 
 
-def measured_outcome(job: Job) -> Outcome:
-    """Simulate a job and return what its run shows; a job that is refused has an outcome too."""
-    return measured_together([job]).outcomes[0]
-
-
 def motion_key(job: Job, before: float | None = None) -> str:
     """Return a text that is the same for jobs with the same motion, which differ in their glue alone.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.display import Shown
-from gantrysim.base.quantity import MAX, P95
+from gantrysim.base.quantity import MAX, P95, number_text
 from gantrysim.engine.recording import dispenser_loads
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.dispenser.driven import Load
@@ -289,7 +289,7 @@ def _stall(loads: Iterable[Load], run: Run) -> str:
     if not exceeded:
         return ""
     first = min(exceeded, key=lambda load: load.tick)
-    asked = f"{first.name} {first.value:.4g} {first.unit}, limit {first.limit:.4g} {first.unit}"
+    asked = f"{first.name} {number_text(first.value, '.4g')} {first.unit}, limit {first.limit:.4g} {first.unit}"
     return f"the dispenser's motor {first.event} at t = {run.time[first.tick]:.4f} s: {asked}"
 
 

@@ -524,6 +524,8 @@ def test_a_trace_far_wider_than_the_run_is_in_another_unit(run, factor, refused)
         ("t,nozzle_x [um],nozzle_y [um]", ("nozzle",)),
         ("time,encoder.x [um],encoder.y [um]", ("encoder",)),
         ("time,commanded x [um],commanded y [um]", ("commanded",)),
+        ("time,x command [um],y command [um]", ("commanded",)),
+        ("time,x_position [um],y_position [um]", ("encoder",)),
     ],
 )
 def test_columns_that_are_named_as_the_quantities_need_no_option(tmp_path, run, heads, links):

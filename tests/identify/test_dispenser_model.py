@@ -75,5 +75,5 @@ def test_a_mass_is_a_speed_in_the_needle_by_its_density():
     mass = 4.0 * speed * 0.25 * np.pi * 0.41**2
     rows = experiment(WEIGHING, pressure=pressure, time=np.ones(4), mass=mass, **sizes)
     check_measurements(measured("valve", rows, density=4.0))
-    with pytest.raises(NotIdentifiedError, match="mm/s in the needle: must be 0.05 to 5000 mm/s"):
+    with pytest.raises(NotIdentifiedError, match=r"mm/s in the needle: must be 0\.05 to 5000 mm/s"):
         check_measurements(measured("valve", rows, density=1.0))

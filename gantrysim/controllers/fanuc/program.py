@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, lengths
-from gantrysim.base.errors import InputError, at_least, finite, place, positive, whole
+from gantrysim.base.errors import InputError, at_least, finite, positive, space_point, whole_number
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.block_words import COMMENT
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
@@ -185,7 +185,7 @@ class Program(Controller):
     def __post_init__(self) -> None:
         if not isinstance(self.program, str):
             object.__setattr__(self, "program", tuple(self.program))
-        object.__setattr__(self, "start", place("start", self.start))
+        object.__setattr__(self, "start", space_point("start", self.start))
         positive("rapid", self.rapid, "mm/min")
         if self.acceleration != math.inf:
             positive("acceleration", self.acceleration, "mm/s²")
@@ -253,7 +253,7 @@ class Program(Controller):
         else:
             blocks = tuple(SourceBlock(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
-        whole("max_steps", self.max_steps, 1)
+        whole_number("max_steps", self.max_steps, 1)
         if isinstance(self.program, str):
             return switched_legs(legs, self._outputs, self.placement.upward)
         return legs, None

@@ -88,7 +88,7 @@ def read(
         Alarm: an invalid word, or invalid combination of words.
     """
     state = ModalState(list(start), offsets, rotary, start, upward, outputs=outputs)
-    sequence = Sequence(source, state.provided)
+    sequence = Sequence(source, state.controller_variable)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     variable = int(flow_output[1:]) if flow_output.startswith("#") else 0
     blocks = tuple(

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, at_least, finite, point, positive, whole
+from gantrysim.base.errors import InputError, at_least, finite, plane_point, positive, whole_number
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.trio.listing import SpiralListing
@@ -171,12 +171,12 @@ class MoveSpiral(Controller):
     def __post_init__(self) -> None:
         checked = {
             "diameter": positive("diameter", self.diameter, "mm"),
-            "turns": whole("turns", self.turns, 1),
+            "turns": whole_number("turns", self.turns, 1),
             "thickness": positive("thickness", self.thickness, "mm"),
             "speed": positive("speed", self.speed, "mm/s"),
             "loop_period": at_least("loop_period", self.loop_period, 0, "s"),
             "interpreter_time": at_least("interpreter_time", self.interpreter_time, 0, "s"),
-            "start": point("start", self.start),
+            "start": plane_point("start", self.start),
             "height": finite("height", self.height, "mm"),
             "wait_resolution": at_least("wait_resolution", self.wait_resolution, 0, "s"),
             "servo_period": at_least("servo_period", self.servo_period, 0, "s"),
@@ -194,7 +194,7 @@ class MoveSpiral(Controller):
             )
         if self.mhelical_mode not in (0, 1):
             raise InputError(f"mhelical_mode = {self.mhelical_mode}: must be 0 (SPEED in space) or 1 (of the circle)")
-        if self.ratio_bits is not None and not 8 <= whole("ratio_bits", self.ratio_bits, 8) <= 52:
+        if self.ratio_bits is not None and not 8 <= whole_number("ratio_bits", self.ratio_bits, 8) <= 52:
             raise InputError(f"ratio_bits = {self.ratio_bits}: must be at most 52, or none for an exact ratio")
         if self.inner_diameter < -_ROUNDING * self.diameter:
             remedy = fewer_turns(self.diameter, self.thickness)

@@ -12,6 +12,12 @@ export function bytesOf(text) {
   return bytes;
 }
 
+/** A text that is compressed by gzip, in base64. @param {string} text */
+export async function expanded(text) {
+  const stream = new Blob([/** @type {BlobPart} */ (bytesOf(text))]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).text();
+}
+
 /** @param {string | Uint8Array} text */
 function wordsOf(text) {
   const bytes = bytesOf(text);

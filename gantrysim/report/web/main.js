@@ -3,7 +3,7 @@
 import { BeadMap } from "./beadmap.js";
 import { showComparison } from "./comparison.js";
 import { Cursor } from "./cursor.js";
-import { RunData } from "./data.js";
+import { RunData, expanded } from "./data.js";
 import { element } from "./dom.js";
 import { FilmLink } from "./film.js";
 import { fold, markScrolling } from "./folds.js";
@@ -51,9 +51,10 @@ function showRun(place, content) {
   return cursor;
 }
 
-function start() {
+/** Where a browser is too old to expand its data, the page stays as it is without scripts. */
+async function start() {
   const place = /** @type {HTMLElement} */ (document.querySelector(".viewer"));
-  const content = JSON.parse(document.getElementById("viewer-data").textContent);
+  const content = JSON.parse(await expanded(document.getElementById("viewer-data").textContent));
   document.documentElement.classList.add("live");
   const cursor = content.runs ? showComparison(place, content) : showRun(place, content);
   place.append(element("p", { class: "hint" }, HINT));
@@ -61,7 +62,7 @@ function start() {
   copyButtons();
   fold();
   markScrolling();
+  performance.mark("viewer-ready");
 }
 
 start();
-performance.mark("viewer-ready");

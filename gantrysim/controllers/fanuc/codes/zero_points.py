@@ -35,7 +35,7 @@ def g68(state: ModalState, words: Words) -> list[Block]:
     if "R" not in words.values:
         raise words.fail(9, "G68 must have R, the angle of the turn [deg]")
     degrees = words.values.pop("R")
-    place = state.turn.programmed(state.program_place)
+    place = state.turn.programmed_point(state.program_place)
     for axis, length in _taken_lengths(state, words).items():
         place[axis] = length
     first, second, _ = PLANES[state.plane]
