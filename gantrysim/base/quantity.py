@@ -131,13 +131,13 @@ class Quantity(Generic[Subject]):
                 value = value[part.key]
         return value
 
-    def scaled(self, value: float | None) -> float | None:
+    def in_unit(self, value: float | None) -> float | None:
         """Return a value in `unit`."""
         return None if value is None else self.factor * value
 
     def number(self, value: float | None) -> str:
         """Return a value without its unit, see `number_text`."""
-        return number_text(self.scaled(value), self.form)
+        return number_text(self.in_unit(value), self.form)
 
     def text(self, value: float | None) -> str:
         """Return a value with its unit; a missing one has none."""

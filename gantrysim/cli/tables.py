@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.base.quantity import Quantity, number_text
-from gantrysim.cli.terminal import joined
+from gantrysim.cli.terminal import unbreakable_text
 from gantrysim.glue.bead import BeadValues
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.plan import Plan
@@ -71,7 +71,7 @@ def verdict_table(verdict: Verdict) -> Table:
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for head, name, text in verdict.cells:
-        table.add_row(head, name, escape(joined(text)))
+        table.add_row(head, name, escape(unbreakable_text(text)))
     return table
 
 
@@ -123,7 +123,8 @@ def plan_table(name: str, plan: Plan) -> Table:
         f"{plan.ticks * plan.period:z.3f} s of machine time; about {plan.memory / _MB:z.0f} MB of memory{files}",
     )
     for k, axis in enumerate("xyz"):
-        table.add_row(f"tip {axis}", f"{_span(*plan.box[:, k], '.3f')} mm", "")
+        least, largest = plan.box[:, k]
+        table.add_row(f"tip {axis}", f"{_span(least, largest, '.3f')} mm", "")
     for axis, extent in plan.travel.items():
         low, high = extent.bounds
         unit = plan.units[axis]

@@ -109,7 +109,7 @@ def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Seq
         lines = [line for part in parts for line in wrapped_lines(part, _WIDEST_HEAD, break_long_words=False)]
         table.add_column(escape("\n".join(lines)), justify=justify, no_wrap=not is_prose)
     for row in rows:
-        table.add_row(*(escape(joined(cell)) for cell in row))
+        table.add_row(*(escape(unbreakable_text(cell)) for cell in row))
     return table
 
 
@@ -183,10 +183,16 @@ def _longest(column: RichColumn, wrapped: bool) -> int:
 def say(text: str, *, wrap: bool = False, end: str = "\n") -> None:
     """Print a text without markup, wrapped at the terminal's width where it is prose that no program reads."""
     plain = text.translate(_CONTROLS)
-    _write(escape(joined(plain)) if wrap else escape(plain), _output, soft_wrap=not wrap, highlight=False, end=end)
+    _write(
+        escape(unbreakable_text(plain)) if wrap else escape(plain),
+        _output,
+        soft_wrap=not wrap,
+        highlight=False,
+        end=end,
+    )
 
 
-def joined(text: str) -> str:
+def unbreakable_text(text: str) -> str:
     """Return a text whose numbers stay on a line with their units and names when it is wrapped."""
     return quantity.joined(text, _JOINT)
 

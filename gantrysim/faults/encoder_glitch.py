@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from gantrysim.base.errors import InputError, whole
+from gantrysim.base.errors import InputError, whole_number
 from gantrysim.base.quantity import with_minus
 from gantrysim.faults.fault import (
     REPORT,
@@ -51,7 +51,7 @@ class EncoderGlitch(InjectedFault):
 
     def _check(self) -> None:
         check_counts(self.counts)
-        whole("ticks", self.ticks, 0)
+        whole_number("ticks", self.ticks, 0)
 
     @property
     def acts(self) -> bool:

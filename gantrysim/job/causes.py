@@ -298,7 +298,7 @@ class Causes:
             if effect.failure:
                 notes.append(f"{effect.cause.name}: {effect.failure}")
             elif effect.before != self.errors:
-                rms = cell_text(ERROR.scaled(effect.before["contour"].rms))
+                rms = cell_text(ERROR.in_unit(effect.before["contour"].rms))
                 notes.append(f"{effect.cause.name}: compared with the job at the same physics step, {rms} µm rms")
         return notes
 
@@ -415,7 +415,7 @@ def _cells(errors: Errors, worth: Errors | None, links: list[str]) -> list[float
     contour = errors["contour"]
     change = None if worth is None else worth["contour"].rms
     sizes = (contour.rms, contour.max, change, *(errors[link].rms for link in links))
-    return list(map(ERROR.scaled, sizes))
+    return list(map(ERROR.in_unit, sizes))
 
 
 def cell_text(value: float | None) -> str:

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from gantrysim.base import memory
-from gantrysim.base.errors import at_least, shown, wrong_type
+from gantrysim.base.errors import at_least, short_text, wrong_type
 from gantrysim.base.progress import Progress
 from gantrysim.base.user_code import is_code
 from gantrysim.engine.linear import Engine
@@ -209,7 +209,7 @@ def check_job(value: Any) -> None:
         return
     advice = "gantrysim.Job.load(file) returns one"
     if isinstance(value, str | os.PathLike):
-        advice = f"write gantrysim.Job.load({shown(os.fspath(value))})"
+        advice = f"write gantrysim.Job.load({short_text(os.fspath(value))})"
     elif isinstance(value, Run) and value.job is not None:
         advice = "write .job behind it"
     raise wrong_type("job", value, "a Job", advice)

@@ -125,11 +125,6 @@ class Analysis(Shown):
     def facts(self) -> dict[str, str]:
         return {**self.run.facts(), "dispensing": f"{len(self.ticks)} ticks"}
 
-    @property
-    def progress_is_stated(self) -> bool:
-        """Whether the controller states the progress of the command; otherwise one is assigned to it."""
-        return self.run.progress is not None
-
     @cached_property
     def progress(self) -> Floats:
         """Arc length along the requested path for which the command stands, (m,) [mm]."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.columns import Column, OptionalColumn, Stored, array_of, blocks, by_blocks, table_by_blocks
 from gantrysim.base.display import Shown, picture_html
-from gantrysim.base.errors import InputError, at_least, check_type, positive, whole, wrong_type
+from gantrysim.base.errors import InputError, at_least, check_type, positive, whole_number, wrong_type
 from gantrysim.base.memory import check_ticks
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
@@ -51,7 +51,7 @@ class Supervision:
         for name, unit in (("position_error", "mm"), ("settle_error", "mm"), ("velocity_limit", "mm/s")):
             if getattr(self, name) != math.inf:
                 positive(name, getattr(self, name), unit)
-        whole("position_error_delay", self.position_error_delay, 0)
+        whole_number("position_error_delay", self.position_error_delay, 0)
         settle_time = at_least("settle_time", self.settle_time, 0, "s")
         at_least("settle_timeout", self.settle_timeout, settle_time, "s")
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.errors import InputError, whole
+from gantrysim.base.errors import InputError, whole_number
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import NOZZLE, Machine
@@ -218,7 +218,7 @@ def checked_size(name: str, size: tuple[int, int]) -> tuple[int, int]:
         InputError: not whole numbers from 1 to 8192.
     """
     for side, pixels in zip(("width", "height"), size, strict=True):
-        if whole(f"{side} of the {name}", pixels, 1) > _LARGEST_SIDE:
+        if whole_number(f"{side} of the {name}", pixels, 1) > _LARGEST_SIDE:
             raise InputError(f"{side} of the {name} = {pixels:g} pixels: must be at most {_LARGEST_SIDE} pixels")
     return int(size[0]), int(size[1])
 

@@ -68,7 +68,7 @@ def budget_section(results: RunResults) -> Section:
     def row(part: PartValues, *labels: str) -> list[str | float | None]:
         point = ",\N{NO-BREAK SPACE}".join(number_text(place, ".1f") for place in part.point)
         where = [None] * 3 if part.rms < NO_ERROR else [part.s, part.time, point]
-        return [*labels, *(quantity.scaled(quantity.get(part)) for quantity in (_SHARE, *PART_SIZES)), *where]
+        return [*labels, *(quantity.in_unit(quantity.get(part)) for quantity in (_SHARE, *PART_SIZES)), *where]
 
     links = Table(
         ["link", "span", *numbers],
@@ -113,8 +113,8 @@ def _turns(budget: Budget) -> Table:
         [
             turn.name,
             *turn.s,
-            *(_RMS.scaled(turn.parts[name].rms) for name in names),
-            _MAX.scaled(turn.parts["contour"].max),
+            *(_RMS.in_unit(turn.parts[name].rms) for name in names),
+            _MAX.in_unit(turn.parts["contour"].max),
         ]
         for turn in budget.values.turns
     ]
@@ -128,7 +128,7 @@ def errors_section(analysis: Analysis) -> Section:
     errors = [(axis, THOUSANDTH[unit], values.following[axis]) for axis, unit in zip(run.axes, run.units, strict=True)]
     errors.append(("along the path", FOLLOWING_ALONG.unit, values.following_along))
     rows = [
-        [name, unit, FOLLOWING_ALONG.scaled(error.rms), FOLLOWING_ALONG.scaled(error.max)]
+        [name, unit, FOLLOWING_ALONG.in_unit(error.rms), FOLLOWING_ALONG.in_unit(error.max)]
         for name, unit, error in errors
     ]
     return Section(
@@ -240,7 +240,7 @@ def _bead_sizes(values: BeadValues) -> Table:
     return Table(
         ["", "unit", *(Column(statistic.label, ".2f") for statistic in RANGE)],
         [
-            [quantity.label, quantity.unit, *(quantity.scaled(getattr(sizes, statistic.name)) for statistic in RANGE)]
+            [quantity.label, quantity.unit, *(quantity.in_unit(getattr(sizes, statistic.name)) for statistic in RANGE)]
             for quantity, sizes in ranges
             if sizes is not None
         ],

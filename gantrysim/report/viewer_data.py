@@ -94,6 +94,13 @@ _CORNER_DECIMALS = 4
 _DOT_DECIMALS = 4
 _DIGITS = 3  # significant, of a column's largest value
 _PLACE_DECIMALS = 2  # [mm]
+# finest steps of columns: of the last digit that is shown; of the nozzle's offset, which the plan magnifies up to 1000
+# times, and of a height [mm]
+_STEP_OF_DIGIT = 0.1
+_OFFSETS = ("dx", "dy")
+_PLACES = ("s", "x", "y", "z")  # as fine as 16 bits are
+_OFFSET_STEP = 1e-5
+_HEIGHT_STEP = 1e-4
 
 ERROR = "error"
 BEAD = "bead"
@@ -153,11 +160,13 @@ class ViewerData:
     Args:
         results: of the run.
         most: about the largest number of ticks shown.
+        flat_in_space: whether a bead that leaves no plane has the 3-D view too.
     """
 
-    def __init__(self, results: RunResults, most: int = MOST_ROWS) -> None:
+    def __init__(self, results: RunResults, most: int = MOST_ROWS, *, flat_in_space: bool = False) -> None:
         self.results = results
         self._most = most
+        self._flat_in_space = flat_in_space
 
     @cached_property
     def series(self) -> tuple[Series, ...]:
@@ -167,8 +176,8 @@ class ViewerData:
 
     @cached_property
     def in_space(self) -> bool:
-        """Whether the page has a 3-D view: the bead leaves a plane."""
-        return leaves_plane(self.results.budget.analysis.run)
+        """Whether there is a 3-D view: the bead leaves a plane, or flat ones have it too."""
+        return self._flat_in_space or leaves_plane(self.results.budget.analysis.run)
 
     @property
     def _bead(self) -> Bead | None:
@@ -182,7 +191,7 @@ class ViewerData:
         nozzle = budget.analysis.nozzle
         yield Series("s", "s", "mm", "", lambda: nozzle.s, ticks, "distance along the requested path")
         for axis, name in enumerate("xyz"):
-            if name == "z" and extent(lambda block: run.nozzle[block, 2], len(run.time)) < _LEVEL:
+            if name == "z" and not self.in_space and extent(lambda block: run.nozzle[block, 2], len(run.time)) < _LEVEL:
                 continue
             position = partial(_coordinate, run, "nozzle", axis)
             yield Series(name, name, "mm", "", position, None, "nozzle in the work frame")
@@ -279,12 +288,14 @@ class ViewerData:
         contents = []
         for series in self.series:
             values = series.at(rows)
-            columns[series.name] = encoded_numbers(values)
-            contents.append(series.content(values))
+            shown = series.content(values)
+            finest = _OFFSET_STEP if series.name in _OFFSETS else _STEP_OF_DIGIT * 10.0 ** -shown["decimals"]
+            columns[series.name] = encoded_numbers(values, 0.0 if series.name in _PLACES else finest)
+            contents.append(shown)
         verdict = self.results.verdict
         bead = self._bead
         if self.in_space and bead is not None:
-            columns["height"] = encoded_numbers(bead_height(bead, rows))
+            columns["height"] = encoded_numbers(bead_height(bead, rows), _HEIGHT_STEP)
         return {
             "rows": int(rows.size),
             "ticks": len(run.time),

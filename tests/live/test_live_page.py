@@ -10,6 +10,7 @@ import pytest
 
 from gantrysim import Job
 from gantrysim.report.writing import results_of
+from gantrysim.results.colours import RUNS
 
 from support.live_jobs import JOB, TEXT
 
@@ -183,6 +184,32 @@ def test_the_cursor_marks_the_line_and_a_line_its_path(page):
     assert page.browser.text('.readout output[data-name="time"]') != "NaN s"
 
 
+def test_the_3d_view_follows_the_cursor_and_the_job_from_where_it_was_turned_to(page):
+    surface = ".space .surface"
+    page.changed(DROP, "part.ngc", TEXT)
+    page.browser.run("document.querySelector('[data-view=space]').click()")
+    page.until(f"document.querySelector('{surface}')?.dataset.view")
+    page.browser.run("document.querySelector('.strips').focus()")
+    page.browser.key("Home")
+    page.browser.key("ArrowRight", shift=True, presses=2)
+    described = page.browser.run(f"return document.querySelector('{surface}').getAttribute('aria-valuetext')")
+    assert described.startswith(f"t = {page.browser.text('.readout output[data-name=time]')}, x ")
+    page.browser.box(surface)  # out of sight nothing is drawn
+    page.browser.run("[...document.querySelectorAll('.space button')].find((b) => b.textContent === 'top').click()")
+    page.until(f"document.querySelector('{surface}').dataset.view.startsWith('90.00000 90.00000 ')")
+    near = distance(page)
+    page.changed(TYPE, TEXT.replace("X30", "X60"))
+    # the camera still looks down, from farther away
+    page.until(f"!document.querySelector('{surface}').dataset.view.startsWith('90.00000 90.00000 {near}')")
+    assert page.browser.run(f"return document.querySelector('{surface}').dataset.view").startswith("90.00000 90.00000 ")
+    assert float(distance(page)) > float(near)
+    page.browser.run("document.querySelector('[data-view=bead]').click()")
+
+
+def distance(page):
+    return page.browser.run("return document.querySelector('.space .surface').dataset.view.split(' ')[2]")
+
+
 def test_a_drag_moves_the_part(page):
     page.changed(DROP, "part.ngc", TEXT)
     place = slid(page, "program.placement.x")
@@ -196,6 +223,26 @@ def test_a_drag_moves_the_part(page):
     assert moved > place + 1.0
     page.changed("document.querySelector('[data-do=\"undo\"]').click()")
     assert slid(page, "program.placement.x") == place
+
+
+def test_a_measured_trace_is_laid_beside_the_run(page, folder):
+    page.changed(OPEN, "short.toml")
+    job = Job.load(folder / "short.toml", {"servo.damping": 0.6})
+    run = job.run()
+    rows = [
+        f"{t:.4f},{a:.6f},{b:.6f},{c:.6f},{d:.6f}"
+        for t, (a, b), (c, d) in zip(run.time, run.commanded, run.encoder, strict=True)
+    ]
+    page.changed(DROP, "<b>log.csv", "\n".join(["time_s,commanded_x,commanded_y,encoder_x,encoder_y", *rows]))
+    assert page.browser.text("#beside-title") == "Beside: _b_log.csv"
+    assert page.browser.text("#difference").startswith("Contour error: ")
+    legend = "[...document.querySelectorAll('.readout.compared button')].map((b) => b.textContent)"
+    assert page.browser.run(f"return {legend}") == ["_b_log.csv", "now"]
+    colours = "[...document.querySelectorAll('.readout.compared line')].map((l) => l.getAttribute('stroke'))"
+    assert page.browser.run(f"return {colours}") == list(RUNS[:2])
+    page.changed("document.querySelector('[data-do=apart]').click()")
+    assert page.browser.run("return document.querySelector('.overlay')") is None
+    assert page.browser.run("return document.getElementById('beside').hidden")
 
 
 @pytest.mark.soak
@@ -228,6 +275,23 @@ def test_what_to_change_is_stopped_and_tried(page):
     page.changed("document.querySelector('[data-proposal]').click()")
     assert all(float(usage.removesuffix(" %")) <= 100 for usage in promised)
     assert page.browser.run("return document.querySelectorAll('#verdict .row.is-fail').length") == 0
+
+
+@pytest.mark.soak
+def test_a_film_is_made_seen_and_downloaded(page):
+    page.changed(DROP, "part.ngc", TEXT)
+    page.browser.run("document.querySelector('[data-do=film]').click()")
+    page.until("document.getElementById('video').readyState >= 1")
+    assert page.browser.run("return document.getElementById('video').videoWidth") == 960
+    assert page.browser.run("return document.getElementById('download').download") == "part.mp4"
+    size = """
+    const [done] = arguments;
+    fetch(document.getElementById("download").href).then((answer) => answer.blob()).then((film) => done(film.size));
+    """
+    assert page.browser.driver.execute_async_script(size) > 10_000
+    page.changed(TYPE, TEXT.replace("Y20", "Y30"))
+    assert page.browser.text("#former") == "of a former value"
+    page.browser.run("document.getElementById('film-close').click()")
 
 
 @pytest.mark.soak

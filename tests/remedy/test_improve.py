@@ -19,7 +19,7 @@ from gantrysim.remedy.combination import Pick
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.improve import Search, another_part, improve, worst_rows
 from gantrysim.remedy.lever import Lever, Setting
-from gantrysim.remedy.outcome import Motion, Outcome, measured_outcome, measured_together, motion_key
+from gantrysim.remedy.outcome import Motion, Outcome, measured_together, motion_key
 from gantrysim.remedy.report import TITLE, change_section, comparison_of
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
@@ -27,7 +27,20 @@ from gantrysim.study.cases import measure
 from gantrysim.study.speed import SpeedStudy
 from gantrysim.study.speed.study import Grade, SpeedAnswer
 
-from support.remedies import CIRCLE, DOTS, FLOW, LAG, LINE, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
+from support.remedies import (
+    CIRCLE,
+    DOTS,
+    FLOW,
+    LAG,
+    LINE,
+    SIDES,
+    fixed_flow,
+    lagging,
+    lines_job,
+    measured_outcome,
+    outcome,
+    rubbing,
+)
 
 GLUE_LEVERS = ("flow by speed", "lag compensation", "leads")
 
@@ -377,7 +390,7 @@ def test_the_section_of_a_report():
         for row in verdict.rows:
             for check in row.checks:
                 texts = [text for (of, words), text in shown.items() if of == row.name and check.quantity in words]
-                assert number_text(check.value, check.form).replace("-", "−") in texts
+                assert number_text(check.value, check.form) in texts
     assert alone.folded == f"Each lever alone: {len(result.trials)} runs"
     assert [result.rows[0], *alone.rows[1:], *combined.rows[1:]] == result.rows
     assert all(text.rstrip() in section.code for text in result.lines.values())

@@ -6,15 +6,16 @@ import pytest
 
 from gantrysim import Verdict
 from gantrysim.job.job import Job
-from gantrysim.remedy.improvement import Improvement, bound_of, names_of
+from gantrysim.remedy.bounds import bound_of
+from gantrysim.remedy.improvement import Improvement, names_of
 from gantrysim.remedy.lever import Lever
-from gantrysim.remedy.outcome import Outcome, measured_outcome
+from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.report import remedy_of
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
 
-from support.remedies import SIDES, lines_job
+from support.remedies import SIDES, lines_job, measured_outcome
 
 ROWS = ("path", "stability", "machine")
 

@@ -176,7 +176,7 @@ def budgets_table(comparison: ComparedRuns) -> Table:
     heads += [f"change of rms, {name}" for name in comparison.names[1:]]
     rows = []
     for link, parts in comparison.budgets.items():
-        cells = [None if part is None else size.scaled(size.get(part)) for size in PART_COLUMNS for part in parts]
+        cells = [None if part is None else size.in_unit(size.get(part)) for size in PART_COLUMNS for part in parts]
         rms = [None if part is None else part.rms for part in parts]
         changes = [size_change(rms[0], size) for size in rms[1:]]
         rows.append([link, DESCRIPTIONS[link], *cells, *changes])
@@ -186,7 +186,7 @@ def budgets_table(comparison: ComparedRuns) -> Table:
 def causes_section(comparison: ComparedRuns) -> Section:
     """Return the section of what causes are worth in every run."""
     heads: list[str | Column] = ["cause", *(Column(f"{name} [{WORTH.unit}]", WORTH.form) for name in comparison.names)]
-    rows = [[cause, *map(WORTH.scaled, worth)] for cause, worth in comparison.causes.items()]
+    rows = [[cause, *map(WORTH.in_unit, worth)] for cause, worth in comparison.causes.items()]
     bars = len(comparison.causes) * len(comparison.runs)
     return Section(
         "Causes",
