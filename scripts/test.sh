@@ -26,11 +26,11 @@ cd "$root"
 export PYTHONDONTWRITEBYTECODE=  # the tests start hundreds of processes, which import a third faster with bytecode
 ruff check .
 ruff format --check .
-# Beside mypy, in one process: what many tests call is compiled, and all tests get their bytecode. Each process of pytest
+# Beside mypy: what many tests call is compiled, and all tests get their bytecode. Each process of pytest
 # would do both for itself, as it keeps what it has compiled when it ends.
 {
     gantrysim compile an225 softmc-arc
-    pytest -m "first and not soak" "$@" || [ $? = 5 ]  # there may be none among the tests that were asked for
+    pytest -m "first and not soak" --numprocesses 2 --dist worksteal "$@" || [ $? = 5 ]  # there may be none among the tests that were asked for
 } &
 mypy
 lint-imports --no-cache
