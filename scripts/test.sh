@@ -26,11 +26,12 @@ cd "$root"
 export PYTHONDONTWRITEBYTECODE=  # the tests start hundreds of processes, which import a third faster with bytecode
 ruff check .
 ruff format --check .
-# Beside mypy: what many tests call is compiled, and all tests get their bytecode. Each process of pytest
-# would do both for itself, as it keeps what it has compiled when it ends.
+# Beside mypy: what many tests call is compiled, and all tests get their bytecode. Each process of pytest would do both
+# for itself, as it keeps what it has compiled when it ends.
 {
     gantrysim compile an225 softmc-arc
-    pytest -m "first and not soak" --numprocesses 2 --dist worksteal "$@" || [ $? = 5 ]  # there may be none among the tests that were asked for
+    # there may be none among the tests that were asked for
+    pytest -m "first and not soak" --numprocesses 2 --dist worksteal "$@" || [ $? = 5 ]
 } &
 mypy
 lint-imports --no-cache
