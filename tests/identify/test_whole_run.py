@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim.identify.identification import identify
-from gantrysim.identify.whole_run import LARGEST_ADDED_TORQUE, _effective, whole_run
+from gantrysim.identify.whole_run import LARGEST_ADDED_TORQUE, _compared_runs, _effective, whole_run
 
 from support.identification_logs import MACHINE, random_log
 
@@ -37,3 +37,18 @@ def test_the_engine_gets_the_torque_of_a_log_as_late_as_it_acts(held, late):
     log = SimpleNamespace(torque=ramp, period=1e-3, held=held)
     torque = _effective(SimpleNamespace(fits=[fit], machine=machine), log)
     np.testing.assert_allclose(torque[10:, 0], ramp[10:, 0] - late / 1e-3)
+
+
+@pytest.mark.parametrize(("end", "is_told"), [(0.2, False), (0.6, True)])
+def test_what_the_loop_adds_until_it_has_a_log_s_speed_is_not_the_machine_s(end, is_told):
+    """The simulated axis starts at rest, and is brought to the motion within 0.3 s."""
+    time = np.arange(2000)[:, None] * 1e-3
+    log = SimpleNamespace(position=10 * np.sin(10 * time), torque=np.cos(10 * time), period=1e-3, held=True)
+    fit = SimpleNamespace(axis="x", model=SimpleNamespace(delay=0.0), law=SimpleNamespace(terms=(), words=()))
+    machine = SimpleNamespace(axes=[SimpleNamespace(lag=0.0, resolution=1e-3)], axis_names=("x",))
+    identification = SimpleNamespace(fits=[fit], machine=machine, adopted=[frozenset()])
+    run = SimpleNamespace(demand=log.torque + np.where(time < end, 5.0, 0.0), encoder=log.position)
+    compared = _compared_runs(identification, log, 0, run, run, None)
+    assert compared.counts == 0
+    assert compared.repeats != is_told
+    assert (compared.written > 1.0) == is_told

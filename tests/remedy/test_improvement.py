@@ -1,6 +1,7 @@
 """What the result of a search says, of verdicts and trials that are made up."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,7 +11,7 @@ from gantrysim.remedy.bounds import bound_of
 from gantrysim.remedy.improvement import Improvement, names_of
 from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.report import remedy_of
+from gantrysim.remedy.report import _values, remedy_of
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
@@ -179,3 +180,12 @@ def test_a_blob_that_e_feeds_at_rest_is_not_put_down_to_the_speed():
     outcome = measured_outcome(job)
     reason = bound_of(job, outcome, "glue")
     assert reason == "the program link: what E feeds, at rest or for each length, varies more than the bead admits"
+
+
+def test_the_first_screen_has_the_values_of_what_was_cured_and_of_what_is_left():
+    before = verdict_of(2.0, 0.5, 0.5)
+    after = verdict_of(0.75, 0.9, 3.0)
+    texts = _values(SimpleNamespace(verdict=before, improved=after)).split("; ")
+    # the machine's, which is the worst, is told with the verdict
+    assert [text.partition(":")[0] for text in texts] == ["path", "stability"]
+    assert "3.0 mm, at most 4.0 mm" in texts[0].replace("\xa0", " ")
