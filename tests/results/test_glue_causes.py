@@ -152,6 +152,8 @@ def test_table_and_summary_have_every_cause_and_check():
     section = glue_causes_section(causes)
     assert [row[0] for row in section.table.rows] == ["nothing", *(cause.name for cause in GLUE_CAUSES)]
     assert section.table.rows[0][1] == f"{causes.check.value:.1f}"
+    for row in section.table.rows[1:]:
+        assert float(row[2]) == pytest.approx(causes.check.value - float(row[1]), abs=0.11)
     content = glue_causes_summary(causes)
     assert list(content) == [cause.name for cause in GLUE_CAUSES]
     assert content["lag"]["worth"] == 0

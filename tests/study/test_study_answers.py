@@ -381,3 +381,18 @@ def test_every_report_has_question_answer_chart_table_and_details_in_this_order(
 
 def test_the_tuning_asks_for_its_metric(job):
     assert tuning_question(tuning(job, metric="servo_max")) == "Which gains minimise the largest servo error?"
+
+
+def test_glue_is_worse_than_now_only_where_it_fails_by_more():
+    def glue(state, use):
+        row = verdict(path=90.0, glue=state) | {"glue_limit_use_percent": use}
+        return Acceptance.of(row)
+
+    failing = Scope.of([None], glue("fail", 120.0))
+    passing = Scope.of([None], glue("pass", 50.0))
+    assert failing.worsened(glue("fail", 130.0)) == ["glue"]
+    assert failing.worsened(glue("fail", 121.0)) == []
+    assert failing.worsened(glue("pass", 60.0)) == []
+    # a limit that is kept is kept, however much of it is used
+    assert passing.worsened(glue("warn", 95.0)) == []
+    assert passing.worsened(glue("fail", 101.0)) == ["glue"]
