@@ -326,7 +326,7 @@ class Improvement(Shown):
         return {name: text for name, text in lines.items() if text}
 
     @property
-    def untried(self) -> dict[str, str]:
+    def untried_levers(self) -> dict[str, str]:
         """Names of the levers that were not tried, by the reason."""
         names: dict[str, list[str]] = {}
         for skipped in self.skipped:

@@ -74,7 +74,7 @@ def change_section(improvement: Improvement) -> Section:
         rows = [improvement.rows[0], *improvement.trial_rows]
         title = f"Each lever alone: {len(improvement.trials)} runs"
         tables.append(Table(improvement.heads, rows, _caption(USAGE), folded=title))
-    texts += [f"Not tried, as {reason}: {names}." for reason, names in improvement.untried.items()]
+    texts += [f"Not tried, as {reason}: {names}." for reason, names in improvement.untried_levers.items()]
     lines = "\n".join(f"# {place}\n{text.rstrip()}\n" for place, text in improvement.lines.items())
     return Section(TITLE, texts, table=tables or None, code=lines or None)
 

@@ -149,7 +149,7 @@ def test_a_usage_without_bound_is_told_with_the_next_one(usages, text):
 
 def test_levers_that_were_not_tried_are_told_by_their_reason():
     skipped = [Skipped(lever(name), reason) for name, reason in (("a", "late"), ("b", "costly"), ("c", "late"))]
-    assert result_of(skipped=skipped).untried == {"late": "a, c", "costly": "b"}
+    assert result_of(skipped=skipped).untried_levers == {"late": "a, c", "costly": "b"}
 
 
 def test_names_of_levers_come_with_their_settings():
