@@ -180,17 +180,17 @@ class Loops:
 def peaks_of(loops: Sequence[Loops]) -> Floats:
     """Return the peak of |S| of each axis of loops that one servo closes on several plants, (loops, axes).
 
-    A search for gains asks for a few points of many loops: computed together, these cost a third.
+    A search for gains asks for a few points of many loops, which alone cost less than the calls for them.
     """
     laws = loops[0]
     axes = np.arange(len(laws.laws))
-    grids = [loop.plant.theta for loop in loops]
-    L = laws.open(np.concatenate(grids), np.concatenate([loop.plant.P for loop in loops]))
+    grids = [member.plant.theta for member in loops]
+    L = laws.open(np.concatenate(grids), np.concatenate([member.plant.P for member in loops]))
     first = np.cumsum([0, *(len(grid) for grid in grids[:-1])])
     peaks: Floats = np.maximum.reduceat(np.abs(1 / (1 + L)), first, axis=0)
     k = np.array([distance.argmin(axis=0) for distance in np.split(np.abs(1 + L), first[1:])])
-    low = np.array([grid[np.maximum(nearest - 1, 0)] for grid, nearest in zip(grids, k, strict=True)])
-    high = np.array([grid[np.minimum(nearest + 1, len(grid) - 1)] for grid, nearest in zip(grids, k, strict=True)])
+    low = np.array([grid[np.maximum(peak - 1, 0)] for grid, peak in zip(grids, k, strict=True)])
+    high = np.array([grid[np.minimum(peak + 1, len(grid) - 1)] for grid, peak in zip(grids, k, strict=True)])
     for _ in range(2):
         near = np.linspace(low, high, _ZOOM, axis=1)  # (loops, zoom, axes)
         values = np.array(_open_loops(loops, [angles.ravel() for angles in near]))
@@ -200,18 +200,21 @@ def peaks_of(loops: Sequence[Loops]) -> Floats:
         low = np.take_along_axis(near, np.maximum(k - 1, 0), 1)[:, 0]
         high = np.take_along_axis(near, np.minimum(k + 1, _ZOOM - 1), 1)[:, 0]
     # lightly damped ones have peaks narrower than the grid
-    narrow = [np.angle(poles[(poles.imag > 0) & _is_peaked(poles)]) for poles in (loop.closed_poles for loop in loops)]
+    narrow = [np.angle(_narrow_poles(member.closed_poles)) for member in loops]
     sizes = [np.abs(1 / (1 + values)).max(axis=0, initial=0) for values in _open_loops(loops, narrow)]
     return np.maximum(peaks, sizes)
 
 
-def _is_peaked(poles: Complexes) -> NDArray[np.bool_]:
-    return np.asarray(np.abs(poles) > 1 - _PEAKED * np.angle(poles))
+def _narrow_poles(poles: Complexes) -> Complexes:
+    """Return the lightly damped poles of the upper half plane."""
+    return poles[(poles.imag > 0) & (np.abs(poles) > 1 - _PEAKED * np.angle(poles))]
 
 
 def _open_loops(loops: Sequence[Loops], angles: Sequence[Floats]) -> list[Complexes]:
     """Return the open loops that one servo closes on several plants, each at angles of its own, (n, axes) each."""
-    P = np.concatenate([loop.system.response(np.exp(1j * theta)) for loop, theta in zip(loops, angles, strict=True)])
+    P = np.concatenate(
+        [member.system.response(np.exp(1j * theta)) for member, theta in zip(loops, angles, strict=True)]
+    )
     L = loops[0].open(np.concatenate(angles), P)
     return np.split(L, np.cumsum([len(theta) for theta in angles[:-1]]))
 

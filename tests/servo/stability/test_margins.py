@@ -22,7 +22,7 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.stability.loops import _factors
-from gantrysim.servo.stability.margins import Margins, Plant, margins_of
+from gantrysim.servo.stability.margins import Margins, Plant, margins_of, sensitivities
 from gantrysim.servo.stability.motion import Drives, Motion
 
 from support.runs import ideal_motors, plain, smooth, turntable
@@ -692,6 +692,18 @@ def test_of_several_ranges_that_stabilise_an_axis_the_highest_is_given():
             return 0.1 < factor < 0.2 or 0.4 < factor < 0.8
 
     assert _factors(Ranges(), 0, np.array([0.2, 0.8, 0.4, 0.1]), False) == (0.4, 0.8)
+
+
+@pytest.mark.parametrize("name", ["xy", "stage", "delta"])
+def test_peaks_on_several_machines_together_are_those_on_each(name):
+    """With a machine among them on which the loops are unstable."""
+    machine = Machine(name)
+    servo = scaled(Servo.derive(machine.axes, 1e-3), 1.5)
+    changes = (Perturbation(), Perturbation(payload=0.4), Perturbation(motor_constant=30.0), Perturbation(friction=1.3))
+    plants = [Plant.of(machine.perturbed(change), 1e-3) for change in changes]
+    together = sensitivities(plants, servo)
+    assert together.tolist() == [[axis.sensitivity for axis in plant.margins(servo)] for plant in plants]
+    assert np.isinf(together).any(axis=1).tolist() == [False, False, True, False]
 
 
 @pytest.mark.parametrize("name", ["xy", "stage"])
