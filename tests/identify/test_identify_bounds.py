@@ -93,6 +93,11 @@ def test_a_unit_of_length_is_told_by_its_size(unit, size):
     assert f"position in {unit} read as mm" in inertia_hint(AXIS, 1 / size)
 
 
+def test_a_unit_of_time_is_told_by_its_square():
+    assert "time in ms read as s" in inertia_hint(AXIS, 1.2e6)
+    assert "time" not in inertia_hint(AXIS, 1e3)
+
+
 def test_the_motor_s_angle_and_counts_are_told_by_the_axis():
     """10 mm a turn: 0.1 turns, 36 degrees, 0.628 rad and 1000 counts of 1 µm make a millimetre."""
     assert pytest.approx(10 / math.tau) == AXIS.scale

@@ -86,12 +86,12 @@ def test_ticks_and_end_of_a_run(run, telemetry):
     assert telemetry.tick(0.0) == 0
     assert telemetry.tick(0.3004) == 300
     assert telemetry.tick(1e3) == len(run.time) - 1
-    assert not telemetry.ended(run.time[-1])
-    assert telemetry.ended(run.time[-1] + 1e-3)
-    assert not telemetry.faulted(run.time[-1])
+    assert not telemetry.has_ended(run.time[-1])
+    assert telemetry.has_ended(run.time[-1] + 1e-3)
+    assert not telemetry.has_faulted(run.time[-1])
     broken = Telemetry(dataclasses.replace(run, fault=FAULT))
-    assert broken.faulted(run.time[-1])
-    assert not broken.faulted(run.time[-2])
+    assert broken.has_faulted(run.time[-1])
+    assert not broken.has_faulted(run.time[-2])
 
 
 @given(st.floats(1e-3, 1e6), st.floats(1.0, 20.0))

@@ -28,9 +28,11 @@ def sentences(**worth):
     return list(cause_sentences(causes_worth(**worth)))
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_cause_worth_almost_all_is_the_cause(name):
-    assert sentences(**{name: 9.0}) == [f"Cause: {name}, worth 9.0 µm of 10.0 µm; without it 1.0 µm are left."]
+@pytest.mark.parametrize("cause", CAUSES, ids=lambda cause: cause.name)
+def test_a_cause_worth_almost_all_is_the_cause(cause):
+    """With what it is, where its name alone does not tell."""
+    name = f"{cause.name} ({cause.meaning})" if cause.name != "friction" else cause.name
+    assert sentences(**{cause.name: 9.0}) == [f"Cause: {name}, worth 9.0 µm of 10.0 µm; without it 1.0 µm are left."]
 
 
 def test_a_cause_worth_half_is_the_main_one():

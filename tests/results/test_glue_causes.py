@@ -75,7 +75,7 @@ def test_a_fixed_flow_at_half_the_speed_is_too_wide_by_the_root_of_two_and_speed
     results = RunResults(job, job.built_machine, Budget(Analysis(run)), Bead(run, job.bead), glue_causes=causes)
     text = headline(results)
     assert text.startswith(f"Glue: {causes.check.brief}")
-    assert "Cause: speed changes, worth" in text
+    assert "Cause: speed changes (which the flow does not follow), worth" in text
 
 
 def test_at_constant_speed_a_flow_without_lag_lays_the_nominal_section_everywhere():

@@ -15,10 +15,12 @@ from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.study import OK, Report, measure, run_study
 from gantrysim.study.acceptance import Criterion
+from gantrysim.study.cases import Case
 from gantrysim.study.speed import SpeedAnswer, SpeedStudy, answer, next_speeds
 from gantrysim.study.speed.study import speed_changes
 
 from support.distinct import unaccounted
+from support.remedies import SIDES, lines_job
 
 MOST_ROUNDS = 40
 
@@ -209,6 +211,20 @@ def test_a_real_search_agrees_with_runs_at_its_answer():
     largest = 1e3 * Analysis(run).nozzle.distance.max()
     assert largest <= 300.0
     assert next(row for row in rows if row["speed_mm_s"] == found.fastest)["contour_max_um"] == pytest.approx(largest)
+
+
+def test_glue_that_fails_at_every_speed_of_real_runs_is_the_answer():
+    """A valve that opens for 80 ms: faster, more is missing, and no speed of these mends it."""
+    study = SpeedStudy(lines_job(SIDES, dispenser={"area": 2.0, "opening": 0.08, "closing": 0.08}))
+    cases = [Case.of(study.job, study.overrides(speed), round=1, speed_mm_s=speed) for speed in (50.0, 100.0, 200.0)]
+    rows = [{**dict(case.tags), **measure(case)} for case in cases]
+    assert [row["glue_verdict"] for row in rows] == ["fail"] * 3
+    least = min(rows, key=lambda row: row["glue_limit_use_percent"])
+    text = study.report(rows).answer
+    assert text.startswith("No speed tried, from 50 to 200 mm/s, keeps the job's tolerance: ")
+    assert f"{least['speed_mm_s']:g} mm/s comes nearest" in text
+    assert f"glue: {least['glue_check']}" in text
+    assert "Run with" not in text
 
 
 ROW = {

@@ -250,11 +250,11 @@ class Program(Controller):
     @cached_property
     def legs(self) -> tuple[PathLeg, ...]:
         """The motions of the blocks."""
-        legs, _ = self._switched
+        legs, _ = self._valve_motions
         return tuple(placed_legs(compensated_legs(cornered_legs(legs)), self.placement))
 
     @cached_property
-    def _switched(self) -> tuple[list[PathLeg], Valve | None]:
+    def _valve_motions(self) -> tuple[list[PathLeg], Valve | None]:
         """The motions as the text has them, with the glue that its valve lays, and the valve; None for blocks."""
         if isinstance(self.program, str):
             blocks = self._motions.blocks
@@ -327,7 +327,7 @@ class Program(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         notes = notes_of(self.legs, self.requested, self.blend_time, self.acceleration)
-        _, valve = self._switched
+        _, valve = self._valve_motions
         return notes if valve is None or valve.note is None else (valve.note, *notes)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
