@@ -32,6 +32,7 @@ _STANDS = "S0"
 _SUCKS = "M4"
 _FAN = 106
 _BACKWARDS = 4
+_PIN = 42  # of printers' firmware, off at S0
 SPEED_CODES = frozenset({3, 4, _FAN})  # whose S is a speed
 # the output that an M code switches, and whether on
 CODES = {
@@ -67,8 +68,8 @@ class Dispense:
             only between them, dwells included; in a program that feeds material by E, where it does. "feed": in moves
             at feed, whatever codes the program has. "codes": in whatever happens between the codes. "extrusion": in
             moves that feed material by E.
-        on: M codes that open the valve, such as "M3", "M64 P0" or "M300 S30"; by default those of M3, M4, M7, M8, M62,
-            M64 and M106 with which the program switches on one output, the one that it switches most often.
+        on: M codes that open the valve, such as "M3", "M64 P0" or "M300 S30"; by default those of M3, M4, M7, M8, M42,
+            M62, M64 and M106 with which the program switches on one output, the one that it switches most often.
         off: M codes that close the valve; by default those that switch this output off, of M5, M9, M63, M65 and M107.
     """
 
@@ -196,6 +197,9 @@ class Outputs:
                     self._set(on, _VALVE, f"M{code}", switched)
             elif code in CODES:
                 self._apply(on, code, number, speed)
+            elif code == _PIN and word is not None:
+                pin = "M42" if number is None else f"M42 P{number:g}"
+                self._set(on, pin, f"{pin} S{word:g}", word != 0)
         if _SPINDLE in self._met:
             runs = self._turns and self._speed != 0
             self._set(on, _SPEED, self._turns if runs else _STANDS if self._turns else _STOPS, bool(runs))
@@ -334,8 +338,10 @@ class Valve:
         if self.open_in_rapids:
             sentence += " It is open in rapid moves alone; --set program.dispense.by=codes lays glue in them."
         for on, off in self.others:
+            # the S0 of a spindle or a fan is no code of its own
             named = {
-                name: [code for code in codes if _STANDS not in code] for name, codes in (("on", on), ("off", off))
+                name: [code for code in codes if _STANDS not in code or code.startswith(f"M{_PIN}")]
+                for name, codes in (("on", on), ("off", off))
             }
             table = ", ".join(f"{name} = {json.dumps(codes)}" for name, codes in named.items() if codes)
             verb, them = ("do", "them") if off else ("does", "it")

@@ -121,6 +121,8 @@ def read_job(job: str, controller: str | None = None, *, allow_code: bool = Fals
     path = expanded_path(job)
     if not path.exists():
         check_whole(path.parent, f"job {job}")
+    if not path.exists() and path.suffix:
+        raise InputError(f"job {job}: no such file; built-in jobs: {', '.join(builtin_jobs())}")
     if not path.exists():
         raise unknown("job", job, builtin_jobs())
     # before its content is looked at

@@ -83,6 +83,11 @@ def test_coordinate_systems_shift_the_path(text, expected):
     assert ends(text) == expected
 
 
+def test_a_further_reference_point_is_the_first():
+    second = Program(program="G00 X5 Z8\nG91 G30 P2 Z0\nG30 X0")
+    assert second.requested.length == Program(program="G00 X5 Z8\nG91 G28 Z0\nG28 X0").requested.length
+
+
 def test_the_needle_does_not_go_down_to_the_initial_height():
     """The reference point of z is above the work."""
     program = Program(program="G00 X5 Z8\nG91 G28 Z0\nG28 X0\nG90 G00 Z-2\nG28 Z-1")

@@ -80,7 +80,7 @@ def test_blocks_after_the_end_do_not_move(end):
         (
             "G05 X1",
             "010 IMPROPER G-CODE in block 1 (line 1): G5: must be one of G00 to G04, G05.1, G08, G10, G17 to G21, "
-            "G28, G40 to G44, G49, G50.1, G51.1, G52 to G59, G61, G64, G68, G69, G80, G90 to G92, G94",
+            "G28, G30, G40 to G44, G49, G50.1, G51.1, G52 to G59, G61, G64, G68, G69, G80, G90 to G92, G94",
         ),
         (
             "G01 X10",

@@ -6,6 +6,7 @@ import pytest
 from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc, softmc, trio
 from gantrysim.controllers.gcode import linuxcnc, slicer
+from gantrysim.controllers.gcode.move_table import KIND, LINE
 from gantrysim.controllers.valve import Dispense
 
 PERIOD = 1e-3
@@ -250,3 +251,11 @@ def test_a_dot_is_laid_though_the_needle_is_lifted_before_the_valve_closes(progr
     setpoints = program(text.format("200" if program in (fanuc_program, printer_program) else "0.2")).setpoints(PERIOD)
     assert setpoints.dispense.sum() * PERIOD == pytest.approx(0.2, abs=3 * PERIOD)
     assert np.ptp(setpoints.position[setpoints.dispense, 2]) < 0.01
+
+
+def test_a_pin_of_printers_firmware_switches_the_valve():
+    """As M42 drives the solenoid of a dispenser; the way back at feed is dry."""
+    text = "G1 X10 F1200\nM42 P4 S255\nG1 X40\nM42 P4 S0\nG1 X0\nM42 P2 S1"
+    program = slicer.Program(text=text).program
+    assert program.glue[program.moves[:, KIND] == LINE].tolist() == [False, True, False]
+    assert "M42 P4 S255 opens the valve and M42 P4 S0 closes it" in program.valve.note

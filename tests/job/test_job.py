@@ -175,6 +175,8 @@ def test_a_long_value_is_shortened_in_the_refusal(tmp_path, value):
 
 
 def test_unknown_jobs_are_refused_with_the_alternatives():
+    with pytest.raises(InputError, match=r"job seel.ngc: no such file; built-in jobs: an225, "):
+        Job.load("seel.ngc")
     with pytest.raises(InputError, match="unknown job 'an224': did you mean an225"):
         Job.load("an224")
 

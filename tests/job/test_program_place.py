@@ -222,7 +222,10 @@ def test_the_place_that_is_named_is_the_worst_of_the_whole_program(tmp_path, mon
     ("content", "opened"),
     [
         ({}, {"machine", "glue", "integral_time", "travel", "speeds"}),
-        ({"source": "a.ngc"}, {"machine", "glue", "integral_time", "travel", "speeds", "height", "place"}),
+        (
+            {"source": "a.ngc"},
+            {"machine", "glue", "integral_time", "travel", "speeds", "height", "place", "acceleration"},
+        ),
         ({"machine": "xy"}, {"glue", "integral_time", "speeds"}),
         ({"travel": {"x": [0, 1]}}, {"machine", "glue", "integral_time", "speeds"}),
         *(({"dispenser": {key: 0}}, {"machine", "integral_time", "travel", "speeds"}) for key in GLUE),
@@ -235,11 +238,11 @@ def test_the_place_that_is_named_is_the_worst_of_the_whole_program(tmp_path, mon
         ({"program": {"axis_speeds": [1]}}, {"machine", "glue", "integral_time", "travel"}),
         (
             {"source": "a.ngc", "machine": "xy", "program": {"placement": {"y": 0.0, "z": 1.0}}},
-            {"glue", "integral_time", "speeds", "gap"},
+            {"glue", "integral_time", "speeds", "gap", "acceleration"},
         ),
         (
             {"source": "a.ngc", "machine": "xy", "program": {"placement": {"z": 1.0}}, "bead": {"gap": 0.3}},
-            {"glue", "integral_time", "speeds", "place"},
+            {"glue", "integral_time", "speeds", "place", "acceleration"},
         ),
     ],
 )

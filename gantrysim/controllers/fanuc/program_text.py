@@ -23,7 +23,7 @@ _ENDS_OR_CALLS = frozenset({2.0, 30.0, 98.0, 99.0})  # M codes that no motion wa
 _OUTPUTS = range(1100, 1116)  # variables of the interface's output signals
 _LENGTHS = set("XYZIJKQR")
 # codes that change what a mirror image or a turn refers to
-_PLAIN_ONLY = {"G17", "G18", "G19", "G28", "G52", "G54", "G55", "G56", "G57", "G58", "G59", "G92"}
+_PLAIN_ONLY = {"G17", "G18", "G19", "G28", "G30", "G52", "G54", "G55", "G56", "G57", "G58", "G59", "G92"}
 # words of which a look at the whole text tells whether it switches the look-ahead; without them it is on
 _SWITCHES_LOOK_AHEAD = r"G\s*0*(?:5\.1|8)(?![0-9.])"
 

@@ -84,6 +84,13 @@ def g28(state: ModalState, words: Words) -> list[Block]:
 
 
 @action
+def g30(state: ModalState, words: Words) -> list[Block]:
+    """As G28: to the second reference point, or that of P, which a program does not state."""
+    words.values.pop("P", None)
+    return g28(state, words)
+
+
+@action
 def g52(state: ModalState, words: Words) -> list[Block]:
     """Local shift of the coordinates."""
     for axis, length in _taken_lengths(state, words).items():
