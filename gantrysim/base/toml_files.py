@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
@@ -26,7 +27,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_text(file: Path, errors: str = "strict", label: str = "", most: int | None = None) -> str:
-    """Return the text of a file in UTF-8.
+    """Return the text of a file in UTF-8, or in UTF-16 with the mark of the byte order.
 
     Args:
         file: to be read.
@@ -46,7 +47,9 @@ def read_text(file: Path, errors: str = "strict", label: str = "", most: int | N
             content += part
             if len(content) > longest:
                 raise InputError(f"{label or file}: is longer than {longest:.3g} bytes")
-    text = content.decode("utf-8", errors)
+    # programs of Windows write a mark before text of two bytes a character
+    marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    text = content.decode("utf-16" if marked else "utf-8", errors)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

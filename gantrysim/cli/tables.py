@@ -123,7 +123,8 @@ def plan_table(name: str, plan: Plan) -> Table:
         f"{plan.ticks * plan.period:z.3f} s of machine time; about {plan.memory / _MB:z.0f} MB of memory{files}",
     )
     for k, axis in enumerate("xyz"):
-        table.add_row(f"tip {axis}", f"{_span(*plan.box[:, k], '.3f')} mm", "")
+        least, largest = plan.box[:, k]
+        table.add_row(f"tip {axis}", f"{_span(least, largest, '.3f')} mm", "")
     for axis, extent in plan.travel.items():
         low, high = extent.bounds
         unit = plan.units[axis]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -211,22 +212,26 @@ def _check_rise(label: str, time: Floats) -> None:
 def _recognised_columns(log: ColumnTable, run: Run) -> tuple[dict[str, Source], list[str]]:
     """Return the quantities that the names of the columns tell, and notes on names that could mean something else.
 
-    The names are those of `gantrysim export`, of softMC's RECORD, and those of the quantities themselves.
+    The names are those of `gantrysim export`, of a log for `gantrysim identify` or `replay`, of softMC's RECORD, and
+    those of the quantities themselves.
     """
-    names = {"time": ["time_s", "time", "t"]}
+    names = {"time": ["time s", "time", "t"]}
     for axis in "xyz":
-        names[axis] = [f"nozzle_{axis}_mm", f"nozzle_{axis}", f"nozzle.{axis}", f"nozzle {axis}", axis]
+        names[axis] = [f"nozzle {axis} mm", f"nozzle {axis}", axis]
     for axis, unit in zip(run.axes, run.units, strict=True):
-        for link, word in (("commanded", "PCMD"), ("encoder", "PFB")):
-            plain = (f"{link}_{axis}_{unit}", f"{link}_{axis}", f"{link}.{axis}", f"{link} {axis}")
-            names[f"{link}.{axis}"] = [*plain, f"{word} {axis}"]
+        for link, words in (("commanded", ("command", "commanded", "PCMD")), ("encoder", ("position", "PFB"))):
+            plain = (f"{link} {axis} {unit}", f"{link} {axis}", f"{words[-1]} {axis}")
+            names[f"{link}.{axis}"] = [*plain, *(f"{axis} {word}" for word in words[:-1])]
         for kind in _TORQUES:
-            names[f"{kind}.{axis}"] = [f"{kind}_{axis}_Nm", f"{kind}.{axis}", f"{kind} {axis}"]
+            names[f"{kind}.{axis}"] = [f"{kind} {axis} Nm", f"{kind} {axis}", f"{axis} {kind}"]
+    columns: dict[str, str] = {}
+    for column in log.columns:
+        columns.setdefault(" ".join(re.split(r"[\s_.]+", column.strip())), column)
     sources = {}
     for quantity, candidates in names.items():
-        column = next((name for name in candidates if name in log.columns), None)
-        if column is not None:
-            sources[quantity] = Source(column)
+        name = next((name for name in candidates if name in columns), None)
+        if name is not None:
+            sources[quantity] = Source(columns[name])
     plain_axes = [axis for axis in "xyz" if axis in sources and sources[axis].column == axis]
     if not plain_axes:
         return sources, []

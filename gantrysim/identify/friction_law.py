@@ -38,6 +38,7 @@ _GAIN = 0.05  # least share of the remaining torque's variance that a term expla
 _SIGNIFICANT_TERM = 16.0  # least squared coefficient over its variance, per coefficient
 _STRIBECK_SPEEDS = (0.45, 1.5, 4.5)  # that are tried, times the table's
 _LONGEST = 1 / 3  # period over the travel, of the log's travel: of a longer one nothing shows that it repeats
+_LONGEST_SEARCHED = 2.0  # the same, of the search
 _SHORTEST = 1 / 80  # the same
 _HELD_OUT = 0.5  # least gain of a wave in parts that it was not fitted to, of its gain where it was
 _TIMES = 3  # parts of the time, of which one at a time is left out
@@ -156,14 +157,15 @@ def _held_out(solution: Solution, inside: NDArray[np.bool_]) -> float:
 def _periodic(regression: TorqueRegression, solution: Solution, kind: str) -> Term | None:
     """Return the term of the period over the travel that explains most of the remaining torque.
 
-    A sum over the samples, without the low-pass, finds the nearest periods; the regression tells them apart.
+    A sum over the samples, without the low-pass, finds the nearest periods; the regression tells them apart. Periods
+    that are too long to be told are searched too: where one explains most, a shorter one only imitates it.
     """
     position = regression.motion.position[regression.slides]
     travel = float(np.ptp(position))
     if not travel > 0:
         return None
     direction = regression.motion.direction[regression.slides] if kind == POSITION else 1.0
-    waves = np.arange(1 / _LONGEST, 1 / _SHORTEST, _STEP) / travel
+    waves = np.arange(1 / _LONGEST_SEARCHED, 1 / _SHORTEST, _STEP) / travel
     weighted = solution.remainder * direction
     phases = 2j * np.pi * position
     power = np.array([abs(np.sum(weighted * np.exp(wave * phases))) for wave in waves])
@@ -182,7 +184,8 @@ def _periodic(regression: TorqueRegression, solution: Solution, kind: str) -> Te
     half = _FINE_SCAN[-1] / 2 / travel
     near = (max(best - half, waves[0]), min(best + half, waves[-1]))
     minimum = minimize_scalar(unexplained, bounds=near, method="bounded", options={"xatol": 0.02 * half})
-    return Term(kind, 1 / float(minimum.x))
+    period = 1 / float(minimum.x)
+    return Term(kind, period) if period <= _LONGEST * travel else None
 
 
 def _peaks(waves: Floats, power: Floats, apart: float) -> list[float]:

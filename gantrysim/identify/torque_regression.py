@@ -1,9 +1,11 @@
 """Regression of the motor's torque on the motion of a sliding axis, low-passed, with chosen terms of friction.
 
-    T = J a + j a' + h a'' + b v + Fc s + constant + terms
+    T = J a + j1 a' + j2 a'' + j3 a''' + j4 a'''' + b v + Fc s + constant + terms
 
-a' and a'' take up a delay of the torque and the load's spring, so that friction is found before either is known. Torque
-and all terms pass one zero-phase low-pass. Slow errors of the torque weigh here as much as fast ones, where the fit of
+The derivatives of a take up a delay of the torque and the load's spring, so that friction is found before either is
+known: they begin a series in the delay and one in the frequency over that of the spring, and the low-pass is wide
+enough for their rest. Without a''' half a sample of delay, at 2 ms, bends Coulomb friction by a quarter. Torque and all
+terms pass one zero-phase low-pass. Slow errors of the torque weigh here as much as fast ones, where the fit of
 one-step predictions sees the fast ones alone.
 """
 
@@ -24,8 +26,9 @@ from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import WHOLE, Starts, by_piece, gradient, inside, smoothed
 from gantrysim.identify.prediction import effective_torque
 
-WIDTH = 0.004  # standard deviation of the low-pass [s]
-NAMES = ("inertia", "jerk", "snap", "viscous", "coulomb", "offset")  # of the columns before those of the terms
+WIDTH = 0.006  # standard deviation of the low-pass [s]
+_DERIVATIVES = ("inertia", "jerk", "snap", "crackle", "pop")  # a and its derivatives
+NAMES = (*_DERIVATIVES, "viscous", "coulomb", "offset")  # of the columns before those of the terms
 _CALM = 0.001  # the same of the speed that a Stribeck term sees [s]
 _MEMORY = 0.1  # length of a block of samples whose errors may be correlated [s]
 _STEPS = 8  # of the torque's course in a sample
@@ -121,14 +124,15 @@ class TorqueRegression:
 
     @cached_property
     def columns(self) -> Floats:
-        """Low-passed columns of `NAMES`, (k, 6)."""
+        """Low-passed columns of `NAMES`, (k, 8)."""
         speed = smoothed(self.motion.speed, WIDTH / self.period, self.starts)
-        acceleration = gradient(speed, self.period, self.starts)
-        jerk = gradient(acceleration, self.period, self.starts)
-        snap = gradient(jerk, self.period, self.starts)
         direction = self.low_passed(self.motion.direction)
-        derivatives = [values[self.slides] for values in (acceleration, jerk, snap, speed)]
-        return np.stack([*derivatives, direction, np.ones_like(direction)], axis=1)
+        columns = []
+        derivative = speed
+        for _ in _DERIVATIVES:
+            derivative = gradient(derivative, self.period, self.starts)
+            columns.append(derivative[self.slides])
+        return np.stack([*columns, speed[self.slides], direction, np.ones_like(direction)], axis=1)
 
     def columns_of(self, term: Term) -> Floats:
         """Return the low-passed columns of a term, (k, 1 or 2)."""

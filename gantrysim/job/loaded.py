@@ -53,6 +53,7 @@ class OpenValues(NamedTuple):
         travel: whether the travel of the machine is.
         gap: whether the height of the needle above the work is, where the height of a program from a file is given.
         speeds: whether the largest speeds of the program's axes are.
+        acceleration: whether the acceleration of a program from a file is.
         dialect: what a program file was recognised as by its content; None where suffix or caller decides.
     """
 
@@ -64,6 +65,7 @@ class OpenValues(NamedTuple):
     travel: bool
     gap: bool
     speeds: bool
+    acceleration: bool
     dialect: Recognised | None
 
     @classmethod
@@ -83,6 +85,7 @@ class OpenValues(NamedTuple):
             travel="machine" not in content and "travel" not in content,
             gap="source" in content and "z" in program.get("placement", {}) and "gap" not in content.get("bead", {}),
             speeds="axis_speeds" not in program,
+            acceleration="source" in content and "acceleration" not in program,
             dialect=dialect,
         )
 
@@ -186,6 +189,11 @@ def choice_note(open_values: OpenValues, job: JobContent, controller: Controller
         parts.append(
             f"glue {area:g} mm² times path speed{_flow_text(job, controller)}, what the needle presses flat{where}, "
             f"none at standstill (--set dispenser.area={area:g} or --set dispenser.flow=100)"
+        )
+    if open_values.acceleration and controller.assumed_acceleration:
+        parts.append(
+            f"acceleration {controller.assumed_acceleration:g} mm/s², which a file does not state (--set "
+            "program.acceleration=inf for none)"
         )
     if open_values.integral_time:
         parts.append(
@@ -326,6 +334,8 @@ class LoadedJob(JobContent):
         if open_values.machine:
             with self.locate_errors():
                 job = job.changed({"machine": machine_of(name, job.controller)}).sharing(job)
+        if open_values.acceleration and job.controller.assumed_acceleration:
+            job = job.changed({"program.acceleration": job.controller.assumed_acceleration})
         if sibling is not None:
             job = job.sharing(sibling)
         if open_values.glue:

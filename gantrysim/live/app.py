@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
@@ -17,6 +17,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gantrysim.base.errors import GantryError
+from gantrysim.live.consent import Code, Terminal
 from gantrysim.live.packing import NOTHING, message
 from gantrysim.live.store import LONGEST_UPLOAD, Store, is_trace
 from gantrysim.live.workbench import Workbench, version_of
@@ -54,9 +55,20 @@ class Hub:
         path: of the job that is shown first.
         scratch: temporary folder.
         allow_code: whether the code that this job names may run.
+        terminal: on which is asked whether other code may run; None for none.
     """
 
-    def __init__(self, folder: Path, path: str, scratch: Path, *, allow_code: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        path: str,
+        scratch: Path,
+        *,
+        allow_code: bool = False,
+        terminal: Terminal | None = None,
+    ) -> None:
+        self._terminal = terminal
+        self._questions: set[asyncio.Task[None]] = set()
         self._tabs: set[asyncio.Queue[tuple[str, dict[str, Any]]]] = set()
         self._allow_code = path if allow_code else ""
         self._worker: Worker | None = None
@@ -74,19 +86,30 @@ class Hub:
                 loop.call_soon_threadsafe(self.workbench.receive, message)
 
         worker = Worker(receive, self._allow_code)
-        self.workbench = Workbench(self._store, self._path, worker.ask, self._tell)
+        ask_for_code = None if self._terminal is None else self._ask_for_code
+        self.workbench = Workbench(self._store, self._path, worker.ask, self._tell, ask_for_code)
         self.workbench.start()
         following = asyncio.create_task(self._follow())
         try:
             yield
         finally:
-            following.cancel()
+            for task in (following, *self._questions):
+                task.cancel()
             worker.close()
 
     def _tell(self, kind: str, content: dict[str, Any]) -> None:
         for tab in self._tabs:
             if tab.qsize() < _LONGEST_QUEUE:
                 tab.put_nowait((kind, content))
+
+    def _ask_for_code(self, code: Code, answered: Callable[[bool], None]) -> None:
+        async def ask() -> None:
+            assert self._terminal is not None
+            answered(await self._terminal.ask(code.question))
+
+        question = asyncio.create_task(ask())
+        self._questions.add(question)
+        question.add_done_callback(self._questions.discard)
 
     async def _follow(self) -> None:
         """Take over what is saved to the open file, once it has stood for a moment."""

@@ -43,13 +43,15 @@ class Companion:
         self._read: tuple[tuple[str, int], Run | ColumnTable] | None = None
         self._latest: tuple[Beside, Floats, Alignment | InputError] | None = None
 
-    def lay(self, given: Beside, results: RunResults, kept: RunResults | None = None, *, anew: bool) -> Laid | None:
-        """Return the trace, a kept run and a run, each up to the last link that the trace measures.
+    def lay(
+        self, given: Beside, results: RunResults, reference: RunResults | None = None, *, anew: bool
+    ) -> Laid | None:
+        """Return the trace, a former run and a run, each up to the last link that the trace measures.
 
         Args:
             given: file, and what its columns are.
             results: of the run.
-            kept: results of a former run.
+            reference: results of a former run.
             anew: whether the trace is aligned anew, which takes a second; else as with the run before, and nothing is
                 returned where that had another command.
         """
@@ -61,7 +63,7 @@ class Companion:
             if isinstance(known, InputError):
                 raise known
             comparison = self._compared(given, results, known)
-            kept_runs = () if kept is None else (self._kept_run(given, kept, comparison.alignment, run),)
+            kept_runs = () if reference is None else (self._kept_run(given, reference, comparison.alignment, run),)
         except InputError as error:
             self._latest = (given, np.array(run.commanded), error)
             return Laid((), {"name": given.name, "sentence": str(error), "notes": [], "failed": True})
@@ -82,9 +84,9 @@ class Companion:
         _, commanded, alignment = self._latest
         return alignment if np.array_equal(commanded, run.commanded) else None
 
-    def _kept_run(self, given: Beside, kept: RunResults, alignment: Alignment, run: Run) -> ComparedRun:
-        is_same = np.array_equal(kept.budget.analysis.run.commanded, run.commanded)
-        return _run("kept", self._compared(given, kept, alignment if is_same else None), kept)
+    def _kept_run(self, given: Beside, reference: RunResults, alignment: Alignment, run: Run) -> ComparedRun:
+        is_same = np.array_equal(reference.budget.analysis.run.commanded, run.commanded)
+        return _run("kept", self._compared(given, reference, alignment if is_same else None), reference)
 
     def _compared(self, given: Beside, results: RunResults, alignment: Alignment | None) -> Comparison:
         run = results.budget.analysis.run

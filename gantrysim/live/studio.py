@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gantrysim.base.errors import GantryError
+from gantrysim.base.errors import GantryError, InputError
 from gantrysim.compare.runs.compared_run import ComparedRun
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.compare.runs.overlay_data import OverlayData
@@ -16,6 +16,7 @@ from gantrysim.engine.linear import Engine
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.live.beside import Companion
+from gantrysim.live.consent import Code
 from gantrysim.live.controls import controls_of
 from gantrysim.live.draft import Draft, Refusal, Request
 from gantrysim.live.packing import NOTHING, Parts
@@ -42,6 +43,14 @@ REST = 0.15  # without a newer request, after which the whole answer is computed
 Send = Callable[[str, dict[str, Any]], None]
 
 
+class CodeError(InputError):
+    """A job names code that nobody has allowed yet."""
+
+    def __init__(self, code: Code) -> None:
+        super().__init__(f"would run code of its own, {', '.join(code.entries)}")
+        self.code = code
+
+
 class StaleError(Exception):
     """A newer request has come."""
 
@@ -62,6 +71,7 @@ class Studio:
         self._opened: tuple[tuple[Any, ...], Job] | None = None
         self._latest: Job | None = None
         self._reference: tuple[Draft, RunResults] | None = None
+        self._allowed: frozenset[Code] = frozenset()
         self._companion = Companion()
 
     def answer(self, request: Request, send: Send) -> None:
@@ -71,6 +81,7 @@ class Studio:
             StaleError: a newer request has come.
         """
         assert request.draft is not None
+        self._allowed = request.allowed
 
         def go_on(*_: Any) -> None:
             if self.newest != request.number:
@@ -86,6 +97,9 @@ class Studio:
                 self._film(request.draft, Path(request.folder), send, go_on)
             else:
                 self._show(request, send, go_on)
+        except CodeError as error:
+            go_on()
+            send("code", {"code": error.code, "text": str(error), "task": request.task})
         except GantryError as error:
             go_on()
             send("refused", {**Refusal.of(error)._asdict(), "task": request.task})
@@ -93,10 +107,23 @@ class Studio:
     def _open(self, draft: Draft) -> Job:
         key = (draft.path, draft.text, draft.version)
         if self._opened is None or self._opened[0] != key:
-            job = draft.opened(self._scratch, allow_code=draft.path == self._allow_code)
+            job = draft.opened(self._scratch, allow_code=self._allows(draft))
             self._opened = (key, job)
             self._latest = None
         return self._opened[1]
+
+    def _allows(self, draft: Draft) -> bool:
+        """Return whether a job's code may run.
+
+        Raises:
+            CodeError: it may not unless somebody is asked.
+        """
+        if draft.path == self._allow_code and draft.text is None:
+            return True
+        code = draft.code()
+        if code is not None and code not in self._allowed:
+            raise CodeError(code)
+        return code is not None
 
     def _job(self, draft: Draft) -> Job:
         opened = self._open(draft)
@@ -155,7 +182,7 @@ class Studio:
 
     def _reference_results(self, draft: Draft, go_on: Callable[..., None]) -> RunResults:
         if self._reference is None or self._reference[0] != draft:
-            opened = draft.opened(self._scratch, allow_code=draft.path == self._allow_code)
+            opened = draft.opened(self._scratch, allow_code=self._allows(draft))
             job = draft.job(opened)
             self._reference = (draft, _results(job, job.run(go_on, engine=QUICK)))
         return self._reference[1]

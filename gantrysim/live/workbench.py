@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from gantrysim.base.errors import GantryError, InputError, positive, unknown
 from gantrysim.base.toml_files import read_toml
 from gantrysim.job.loading import builtin_jobs
+from gantrysim.live.consent import Code
 from gantrysim.live.controls import OVERRIDE, Control, checked_values
 from gantrysim.live.draft import Beside, Draft, Request, Task
 from gantrysim.live.packing import NOTHING, Parts
@@ -22,6 +24,7 @@ _OUTPUT = "out"  # folder of reports, as of the command
 # kinds of messages that a new tab needs
 _SHOWN = ("text", "controls", "margins", "proposals", "written", "film", "refused")
 
+AskForCode = Callable[[Code, Callable[[bool], None]], None]
 Tell = Callable[[str, dict[str, Any]], None]
 
 
@@ -33,6 +36,7 @@ class Workbench:
         path: of the job that is opened first.
         ask: sends a request to the worker.
         tell: sends a message to all tabs.
+        ask_for_code: asks whether code may run, and calls back with the answer; None where nobody can be asked.
 
     Attributes:
         head: of the latest result.
@@ -40,13 +44,22 @@ class Workbench:
         is_stale: whether what is shown is of a former draft.
     """
 
-    def __init__(self, store: Store, path: str, ask: Callable[[Request], None], tell: Tell) -> None:
+    def __init__(
+        self,
+        store: Store,
+        path: str,
+        ask: Callable[[Request], None],
+        tell: Tell,
+        ask_for_code: AskForCode | None = None,
+    ) -> None:
         self.head: dict[str, Any] = {}
         self.parts: Parts = NOTHING
         self.is_stale = True
         self._store = store
         self._ask = ask
         self._tell = tell
+        self._ask_for_code = ask_for_code
+        self._answers: dict[Code, bool | None] = {}  # None while it is asked
         self._draft = self._fresh(path)
         self._history: list[Draft] = []
         self._undone: list[Draft] = []
@@ -155,6 +168,8 @@ class Workbench:
         if message.kind == "film":
             self._filmed = self._draft
             message = message._replace(content={**message.content, "number": message.number})
+        if message.kind == "code":
+            message = self._code_refusal(message)
         if message.kind == "done":
             self._task = None
             self._tell("state", self.state())
@@ -185,8 +200,31 @@ class Workbench:
         for kind in ("refused", "written"):
             self._messages.pop(kind, None)
         folder = self._store.films if task == "film" else self._store.folder / _OUTPUT
-        self._ask(Request(self._number, task, self._draft, self._kept, str(folder), self._beside))
+        allowed = frozenset(code for code, is_allowed in self._answers.items() if is_allowed)
+        self._ask(Request(self._number, task, self._draft, self._kept, str(folder), self._beside, allowed))
         self._tell("state", self.state())
+
+    def _code_refusal(self, message: Message) -> Message:
+        """Return the refusal of a job whose code may not run yet, and ask for it where that can be."""
+        code = message.content["code"]
+        if self._ask_for_code is None:
+            reason = (
+                "it is asked for on the terminal, and gantrysim live was not started from one: start it in the job's "
+                "folder, or with --allow-code for this job"
+            )
+        elif code in self._answers:
+            reason = "is asked for on the terminal" if self._answers[code] is None else "was refused on the terminal"
+        else:
+            self._answers[code] = None
+            self._ask_for_code(code, partial(self._answered, code))
+            reason = "answer on the terminal that started gantrysim live"
+        text = f"job {Path(code.job).name} {message.content['text']}: {reason}"
+        content = {"text": text, "line": 0, "word": "", "task": message.content["task"]}
+        return message._replace(kind="refused", content=content)
+
+    def _answered(self, code: Code, is_allowed: bool) -> None:
+        self._answers[code] = is_allowed
+        self._start("show")
 
     def start(self) -> None:
         """Simulate the first job."""

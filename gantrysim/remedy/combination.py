@@ -24,8 +24,7 @@ from gantrysim.remedy.lever import Effort, Lever, Setting, State
 from gantrysim.remedy.levers.numbers import factor_text, rounded_number
 from gantrysim.remedy.levers.speed import FASTER, SLOWER, at_factor
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.results.glue import GLUE
-from gantrysim.results.score import row_burden, usage_of
+from gantrysim.results.score import usage_of
 
 SHARE = 0.01  # of the burden, by which a lever of the combination lowers it
 
@@ -268,7 +267,12 @@ def _with_one_less(combinations: Combinations, picks: Sequence[Pick]) -> list[Pi
 MOST_MOTIONS = 64  # that are simulated for a number of levers
 
 
-def fewest_levers(combinations: Combinations, picks: Sequence[Pick], motion_of: Callable[[Job], str]) -> list[Pick]:
+def fewest_levers(
+    combinations: Combinations,
+    picks: Sequence[Pick],
+    motion_of: Callable[[Job], str],
+    motions_fail: Callable[[Sequence[Job]], list[bool]],
+) -> list[Pick]:
     """Return the fewest of some levers that pass, with the settings of the shortest run.
 
     A combination counts if it takes no longer than the present one.
@@ -277,6 +281,7 @@ def fewest_levers(combinations: Combinations, picks: Sequence[Pick], motion_of: 
         combinations: of the job.
         picks: a combination; returned as it is where it does not pass, or too many motions would be simulated.
         motion_of: returns a text that is the same for jobs with the same motion.
+        motions_fail: returns whether the motions of jobs fail whatever the glue.
     """
     present = combinations.state_of(picks).outcome
     if present.burden > 0:
@@ -294,12 +299,11 @@ def fewest_levers(combinations: Combinations, picks: Sequence[Pick], motion_of: 
             motions.setdefault(motion_of(candidate.job), []).append(candidate)
         if len(motions) > MOST_MOTIONS:
             continue
-        firsts = combinations.measure_all([group[0].job for group in motions.values()])
-        # another glue does not help a motion whose path fails
+        fails = motions_fail([group[0].job for group in motions.values()])
         possible = [
             candidate
-            for group, first in zip(motions.values(), firsts, strict=True)
-            if not motion_fails(first)
+            for group, is_failing in zip(motions.values(), fails, strict=True)
+            if not is_failing
             for candidate in group
         ]
         outcomes = combinations.measure_all([candidate.job for candidate in possible])
@@ -311,12 +315,6 @@ def fewest_levers(combinations: Combinations, picks: Sequence[Pick], motion_of: 
         if passing:
             return list(possible[min(passing)[1]].picks)
     return list(picks)
-
-
-def motion_fails(outcome: Outcome) -> bool:
-    """Return whether a run's verdict is no pass whatever its glue, which does not change the motion."""
-    verdict = outcome.verdict
-    return verdict is not None and any(row_burden(row) > 0 for row in verdict.rows if row.name != GLUE)
 
 
 def _candidates(combinations: Combinations, picks: tuple[Pick, ...], levers: Sequence[Lever]) -> Iterator[Candidate]:

@@ -82,7 +82,7 @@ class Search:
         """Return the best combination, in the order in which its levers joined; empty where none helps."""
         self._bench.task.name = "combination"
         picks = best_combination(self._combinations, levers)
-        fewest = fewest_levers(self._combinations, picks, self._bench.motion_key)
+        fewest = fewest_levers(self._combinations, picks, self._bench.motion_key, self._bench.motions_fail)
         return merged_picks(self._combinations, fewest)
 
     def state_of(self, picks: Sequence[Pick]) -> State:

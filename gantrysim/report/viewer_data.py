@@ -94,6 +94,13 @@ _CORNER_DECIMALS = 4
 _DOT_DECIMALS = 4
 _DIGITS = 3  # significant, of a column's largest value
 _PLACE_DECIMALS = 2  # [mm]
+# finest steps of columns: of the last digit that is shown; of the nozzle's offset, which the plan magnifies up to 1000
+# times, and of a height [mm]
+_STEP_OF_DIGIT = 0.1
+_OFFSETS = ("dx", "dy")
+_PLACES = ("s", "x", "y", "z")  # as fine as 16 bits are
+_OFFSET_STEP = 1e-5
+_HEIGHT_STEP = 1e-4
 
 ERROR = "error"
 BEAD = "bead"
@@ -281,12 +288,14 @@ class ViewerData:
         contents = []
         for series in self.series:
             values = series.at(rows)
-            columns[series.name] = encoded_numbers(values)
-            contents.append(series.content(values))
+            shown = series.content(values)
+            finest = _OFFSET_STEP if series.name in _OFFSETS else _STEP_OF_DIGIT * 10.0 ** -shown["decimals"]
+            columns[series.name] = encoded_numbers(values, 0.0 if series.name in _PLACES else finest)
+            contents.append(shown)
         verdict = self.results.verdict
         bead = self._bead
         if self.in_space and bead is not None:
-            columns["height"] = encoded_numbers(bead_height(bead, rows))
+            columns["height"] = encoded_numbers(bead_height(bead, rows), _HEIGHT_STEP)
         return {
             "rows": int(rows.size),
             "ticks": len(run.time),

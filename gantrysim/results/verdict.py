@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.display import Shown
-from gantrysim.base.quantity import MAX, P95
+from gantrysim.base.quantity import MAX, P95, number_text
 from gantrysim.engine.recording import dispenser_loads
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.dispenser.driven import Load
@@ -254,6 +254,16 @@ def stability_row(job: Basis, margins: tuple[Margins, ...] | None, tolerance: To
     )
 
 
+def motion_rows(job: Basis, budget: Budget) -> Iterator[Row]:
+    """Yield the rows of the verdict on a complete run of a job that its glue does not change, the cheapest first."""
+    run = budget.analysis.run
+    tolerance = job.limits(run.face)
+    line_at = program_lines(job, len(run.time))
+    yield stability_row(job, job.margins, tolerance)
+    yield machine_row(job, run, tolerance, places_of(run, line_at))
+    yield path_row(budget.contour_values, tolerance, line_at)
+
+
 def machine_verdict(job: Basis, run: Run) -> Row:
     """Return the verdict on the drives of a complete run of a job, which needs neither budget nor bead."""
     tolerance = job.limits(run.face)
@@ -279,7 +289,7 @@ def _stall(loads: Iterable[Load], run: Run) -> str:
     if not exceeded:
         return ""
     first = min(exceeded, key=lambda load: load.tick)
-    asked = f"{first.name} {first.value:.4g} {first.unit}, limit {first.limit:.4g} {first.unit}"
+    asked = f"{first.name} {number_text(first.value, '.4g')} {first.unit}, limit {first.limit:.4g} {first.unit}"
     return f"the dispenser's motor {first.event} at t = {run.time[first.tick]:.4f} s: {asked}"
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.heads import NUMBER, name_and_unit
-from gantrysim.tables.text_table import GAPS, Dialect, TextTable
+from gantrysim.tables.text_table import BLANKS, GAPS, Dialect, TextTable
 from gantrysim.tables.units import SUFFIXES, TIME, factor, is_unit
 
 # Where a quantity stands in a table, as a user writes it: COLUMN, COLUMN[UNIT], COLUMN*FACTOR UNIT.
@@ -122,7 +122,8 @@ class ColumnTable:
         if name in self.texts:
             if kind == TIME:
                 return _instants(f"{self.label}: column {name}", self.texts[name]) * source.scale
-            raise InputError(f"{self.label}: column {name} has {self.texts[name][0][:_SHOWN]!r}, which is not a number")
+            wrong = next(filter(_is_word, self.texts[name]))
+            raise InputError(f"{self.label}: column {name} has {wrong[:_SHOWN]!r}, which is not a number")
         unit = source.unit or self.units.get(name, kind)
         scale = factor(unit, kind, f"{self.label}: column {name}", further)
         return self.columns[name] * (scale * source.scale)
@@ -195,7 +196,8 @@ def _plain(table: TextTable, width: int) -> Floats | None:
     dialect = table.dialect
     lines = [line for _, line in table.rows]
     if dialect.decimal_comma:
-        if dialect.separator == ",":
+        # a point would be between thousands
+        if dialect.separator == "," or any("." in line for line in lines):
             return None
         lines = [line.replace(",", ".") for line in lines]
     try:
@@ -253,6 +255,12 @@ def _has_all_separators(table: TextTable, line: str, width: int) -> bool:
     return separator != " " and line.count(separator) == width - 1
 
 
+def _is_word(cell: str) -> bool:
+    """Return whether a cell is neither a number, with a point or a comma, nor a gap."""
+    numbers = [Dialect(BLANKS, comma).number(cell) for comma in (False, True)]
+    return cell.lower() not in GAPS and numbers == [None, None]
+
+
 def _value(dialect: Dialect, cell: str) -> float | None:
     return np.nan if cell.lower() in GAPS else dialect.number(cell)
 
@@ -291,7 +299,7 @@ def _instants(label: str, cells: Sequence[str]) -> Floats:
     try:
         instants = np.array([cell.replace(" ", "T", 1).rstrip("Z") for cell in cells], "datetime64[ns]")
     except ValueError:
-        clock = [_CLOCK.fullmatch(cell) for cell in cells]
+        clock = [_CLOCK.fullmatch(cell.replace(",", ".")) for cell in cells]
         if not all(clock):
             raise InputError(f"{label} has {cells[0][:_SHOWN]!r}: must be numbers, dates or hh:mm:ss") from None
         seconds = np.array(

@@ -62,7 +62,8 @@ KINDS: dict[str, dict[str, float]] = {
     NUMBER_OF: {"": 1.0, "-": 1.0, "1": 1.0},
 }  # fmt: skip
 
-_SHARES = {"‰": 1e-3, "per mille": 1e-3, "%": 1e-2, "per cent": 1e-2, "percent": 1e-2}
+_SHARES = {"‰": 1e-3, "per mille": 1e-3, "0.1%": 1e-3, "0.1 %": 1e-3, "%": 1e-2, "per cent": 1e-2, "percent": 1e-2}
+_CURRENTS = ("A", "mA", "Arms")
 _RATED = re.compile(rf"({'|'.join(_SHARES)})(?:\s+of\s+({NUMBER})\s*(\S.*))?")
 
 # names of an encoder's counts, which the machine's table gives a size
@@ -92,7 +93,9 @@ def factor(unit: str, kind: str, label: str, further: Mapping[str, float] | None
             raise InputError(f"{label} is in {unit!r}: must say of what, as in '{share} of 1.27 {kind}'")
         return _SHARES[share] * float(value) * factor(whole_unit, kind, label, further)
     if unit not in known:
-        raise InputError(f"{label} is in {unit!r}: must be in {', '.join(known)}")
+        is_current = kind == TORQUE and unit in _CURRENTS
+        cure = "; a current has a torque by its constant, COLUMN*0.0302 N·m" if is_current else ""
+        raise InputError(f"{label} is in {unit!r}: must be in {', '.join(known)}{cure}")
     return known[unit]
 
 

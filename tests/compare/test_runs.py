@@ -16,12 +16,13 @@ from gantrysim.compare.runs.common_path import Track, parting_of
 from gantrysim.compare.runs.compared_run import names_of_folders, names_of_jobs
 from gantrysim.compare.runs.differences import CheckChange
 from gantrysim.compare.runs.overlay_data import OverlayData
-from gantrysim.compare.runs.overlays import draw_compared_budgets
+from gantrysim.compare.runs.overlays import draw_compared_budgets, draw_overlaid_errors
 from gantrysim.compare.runs.runs_page import compare_runs, run_sections
 from gantrysim.compare.runs.runs_tables import budget_cells, value_cells
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.report.folder import output_folder, write_run
 from gantrysim.results.checks import Check
+from gantrysim.results.colours import BAD
 
 from support.compared import RADIUS, START, TEXT, circle_job, on_circle, recorded
 from support.pages import Page
@@ -149,7 +150,7 @@ def test_the_table_of_links_has_the_change_of_each_in_micrometres(comparison):
     contour = next(row for row in rows if row[0] == "contour")
     before, after = (UM * math.hypot(mean, swing / math.sqrt(2)) for mean, swing in (BEFORE, AFTER))
     assert [float(cell) for cell in contour[1:3]] == pytest.approx([before, after], rel=0.05)
-    change, share = contour[3].split(" ", 1)
+    change, share = contour[3].replace("−", "-").split(" ", 1)
     assert float(change) == pytest.approx(after - before, rel=0.05)
     assert share == f"({100 * float(change) / float(contour[1]):+.0f} %)"
 
@@ -377,3 +378,11 @@ def test_the_overlay_begins_where_the_first_run_is_worst_by_its_verdict(comparis
     row = overlay.content()["worst"]
     _, (first, _) = overlay.columns()
     assert first["time"][row] == pytest.approx(verdict.worst_place.time, abs=2 * PERIODS[0])
+
+
+def test_the_errors_of_runs_over_one_another_have_the_limit(comparison):
+    panel = draw_overlaid_errors(Figure(), comparison)[0]
+    limit = 1e3 * comparison.verdicts[0].tolerance.path_max
+    limits = [line.get_ydata()[0] for line in panel.lines if line.get_linestyle() == "--" and line.get_color() == BAD]
+    texts = [text.get_text() for text in panel.texts]
+    assert limits == pytest.approx([limit, -limit]) or texts == [f"limit ± {limit:.3g} µm, beyond this scale"]

@@ -81,6 +81,13 @@ def test_coordinate_systems_shift_the_path(text, expected):
     assert ends(text) == expected
 
 
+def test_the_needle_does_not_go_down_to_the_initial_height():
+    """The reference point of z is above the work."""
+    program = Program(program="G00 X5 Z8\nG91 G28 Z0\nG28 X0\nG90 G00 Z-2\nG28 Z-1")
+    ends = [list(leg.piece.end) for leg in program.legs if leg.piece is not None]
+    assert ends == [[5, 0, 8], [0, 0, 8], [0, 0, -2], [0, 0, -1], [0, 0, 0]]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -141,6 +141,16 @@ def test_dots_give_the_flow_and_the_difference_of_the_valve_s_times(tmp_path):
     assert offset == pytest.approx(0.004, abs=5e-4)
 
 
+def test_a_valve_whose_times_are_alike_is_known_to_have_no_offset(tmp_path):
+    """Within a tenth of the shortest open time, whatever that is of an offset near zero."""
+    lines = ["open time [ms],mass [mg]"]
+    lines += [f"{time},{2.4e-3 * time * (1 + 0.002 * (-1) ** k):.4f}" for k, time in enumerate((50, 50, 100, 200, 400))]
+    offset = identified(tmp_path, "\n".join(lines) + "\n", density=1.2)["open_time_offset"]
+    assert offset.identified
+    assert abs(offset.value) < 5e-3
+    assert offset.high - offset.low < 0.01
+
+
 def test_advice_is_a_measurement_that_narrows(tmp_path):
     """What is advised is made up and added: the interval narrows about as much as was said."""
     glue = Fluid(30.0, 0.6, 0.0)

@@ -80,7 +80,7 @@ def test_the_quick_and_the_whole_answer_are_the_commands_values(answers, tmp_pat
         rows = {row["name"]: row["texts"] for row in result["head"]["rows"]}
         assert rows == {row.name: list(row.texts) for row in results.verdict.rows}
     assert [quick["head"]["engine"], whole["head"]["engine"]] == ["loop", "mujoco"]
-    assert set(whole["parts"].columns) == set(ViewerData(results).content()["columns"])
+    assert set(whole["parts"].columns) == set(ViewerData(results, flat_in_space=True).content()["columns"])
     (margins,) = content_of(messages, "margins")
     assert margins["row"]["texts"] == rows["stability"]
 
@@ -247,6 +247,18 @@ def test_undo_and_redo_go_through_what_was_done(bench, tmp_path):
     assert [request.draft for request in asked][-1] == first
 
 
+def test_what_was_undone_is_gone_once_something_else_is_changed(bench, tmp_path):
+    made, asked, _ = bench
+    receive_controls(made, asked, tmp_path)
+    made.do({"do": "set", "values": {"servo.damping": 0.7}})
+    made.do({"do": "undo"})
+    assert made.state()["can_redo"]
+    made.do({"do": "set", "values": {"dispenser.flow": 210.0}})
+    assert not made.state()["can_redo"]
+    with pytest.raises(InputError, match="nothing to redo"):
+        made.do({"do": "redo"})
+
+
 def test_a_drag_of_a_slider_is_one_step(bench, tmp_path):
     made, asked, _ = bench
     receive_controls(made, asked, tmp_path)
@@ -280,6 +292,35 @@ def test_a_job_is_saved_as_it_was_simulated_and_put_back(bench, tmp_path):
     assert (tmp_path / "short.toml").read_text() == JOB + "# now\n"
     made.do({"do": "unsave"})
     assert (tmp_path / "short.toml").read_text() == JOB
+
+
+def test_a_job_that_is_changed_or_refused_is_not_saved_as_the_one_before_it(bench, tmp_path):
+    made, asked, _ = bench
+    made.receive(Message(asked[-1].number, "result", {"head": {}, "parts": None, "toml": JOB}))
+    made.do({"do": "program", "text": "x"})
+    for _ in range(2):
+        with pytest.raises(InputError, match="not simulated yet, or is refused"):
+            made.do({"do": "save", "name": "new"})
+        refusal = {"text": "no", "line": 1, "word": "", "task": "show"}
+        made.receive(Message(asked[-1].number, "refused", refusal))
+    assert not (tmp_path / "new.toml").exists()
+
+
+def test_a_file_that_was_changed_is_read_again_and_another_reference_is_run(tmp_path):
+    """Neither the job that was opened last nor the run that was kept last stands for another."""
+    studio = Studio(tmp_path)
+    file = tmp_path / "part.ngc"
+    speeds = []
+    for feed in ("F6000", "F3000"):
+        file.write_text(TEXT.replace("F6000", feed))
+        speeds.append(studio._open(Draft(str(file), version=version_of(str(file)))).controller.programmed_speed)
+    assert speeds == [100.0, 50.0]
+    text = file.read_text().replace("X30", "X20")
+    assert studio._open(Draft(str(file), text=JOB)).name == "short"
+    drafts = [Draft(str(file), version=2), Draft(str(file), program=text, version=2)]
+    times = [studio._reference_results(draft, lambda *_: None).budget.analysis.run.time[-1] for draft in drafts]
+    # 10 mm less at 50 mm/s
+    assert times[0] - times[1] == pytest.approx(0.2, abs=1e-3)
 
 
 def test_a_file_that_changes_on_disk_is_taken_over_with_the_controls(bench, tmp_path):

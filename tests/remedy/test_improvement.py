@@ -6,7 +6,8 @@ import pytest
 
 from gantrysim import Verdict
 from gantrysim.job.job import Job
-from gantrysim.remedy.improvement import Improvement, bound_of, names_of
+from gantrysim.remedy.bounds import bound_of
+from gantrysim.remedy.improvement import Improvement, names_of
 from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.report import remedy_of

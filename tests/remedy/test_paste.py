@@ -3,7 +3,7 @@
 import pytest
 
 from gantrysim import Job
-from gantrysim.remedy.improvement import options, toml_lines, values_to_set
+from gantrysim.remedy.improvement import changed_values, options, toml_lines, values_to_set
 from gantrysim.study.speed.study import speed_changes
 
 from support.pasting import in_job_file, with_options
@@ -81,3 +81,12 @@ def test_a_text_of_several_lines_is_pasted_as_its_lines(tmp_path):
     lines = toml_lines(base, improved)
     assert text in lines
     same(in_job_file(file, lines, tmp_path), improved)
+
+
+def test_a_table_that_the_improved_job_has_not_is_emptied():
+    """Else the travel that is chosen for a program that lies far away would stay, and deliberate faults would."""
+    fault = {"kind": "clogged nozzle", "time": 1.0, "share": 0.5}
+    base = Job.load("softmc-arc").changed({"faults": [fault], "travel": {"x": [-400.0, 400.0]}})
+    improved = base.changed({"faults": [], "travel": {}})
+    assert changed_values(base, improved) == {"faults": [], "travel": {}}
+    assert changed_values(improved, base).keys() == {"faults", "travel"}

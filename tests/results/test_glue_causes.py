@@ -155,3 +155,12 @@ def test_table_and_summary_have_every_cause_and_check():
     content = glue_causes_summary(causes)
     assert list(content) == [cause.name for cause in GLUE_CAUSES]
     assert content["lag"]["worth"] == 0
+
+
+def test_at_constant_speed_glue_of_a_lead_before_the_first_motion_is_laid_too():
+    text = EVEN.replace("G0 X-80 Y0\n", "")
+    program = {"controller": "linuxcnc.Program", "text": text, "start": [-80.0, 0.0, 0.0]}
+    job = line_job(program=program, dispenser={"flow": FLOW, "start_lead": 0.1})
+    run = job.follow()
+    constant = at_constant_speed(job, Bead(run, job.bead))
+    assert constant.flow.sum() * run.period == pytest.approx(FLOW * (160 / SPEED + 0.1), rel=5e-3)

@@ -59,6 +59,8 @@ class Browser:
     def open(self, file, width=1280, height=900):
         self.resize(width, height)
         self.driver.get(file.as_uri())
+        # the viewer expands its data first
+        self.wait("!document.getElementById('viewer-data') || performance.getEntriesByName('viewer-ready').length")
         self.settle()
 
     def resize(self, width, height):

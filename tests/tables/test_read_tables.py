@@ -1,6 +1,7 @@
 """Logs as other programs write them, and what is refused in them."""
 
 import csv
+import re
 
 import numpy as np
 import pytest
@@ -101,6 +102,45 @@ def test_words_in_round_brackets_are_part_of_the_name(log):
     assert found.order == ("Time", "Position (set)", "Position (actual)")
     assert found.units == {"Time": "s"}
     assert found.values(Source("Position (actual)", unit="mm"), "mm").tolist() == [-k for k in range(9)]
+
+
+def test_numbers_between_thousands_are_named_as_no_numbers(log):
+    rows = "".join(f'{k},"{1000 * k:,.1f}"\n' for k in range(9))
+    with pytest.raises(InputError, match=r"column x has '1,000\.0', which is not a number"):
+        log(f"t,x [um]\n{rows}").values(Source("x"), "mm")
+
+
+def test_a_point_between_thousands_is_no_decimal_point(log):
+    """The first thousand comes late, when the comma is known as the decimal sign; it was read as 1.5 once."""
+    rows = "".join(f"0,{k};{k}\n" for k in range(300))
+    with pytest.raises(InputError, match=r"x .*'1\.500' is not a finite number"):
+        log(f"t;x [um]\n{rows}0,3;1.500\n")
+
+
+def test_clock_times_may_have_a_decimal_comma(log):
+    rows = "".join(f"10:59:59,{k}00;{k},5\n" for k in range(9))
+    found = log(f"time;x [mm]\n{rows}")
+    assert found.values(Source("time"), "s") == pytest.approx([0.1 * k for k in range(9)])
+
+
+def test_text_of_two_bytes_a_character_is_read_by_its_mark(tmp_path):
+    file = tmp_path / "log.txt"
+    file.write_text("time [s]\tx [µm]\n0\t1000\n1\t2000\n", encoding="utf-16")
+    assert read_table(file).values(Source("x"), "mm").tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [
+        ("0.1%", "in '0.1%': must say of what, as in '0.1% of 1.27 N·m'"),
+        ("A", "a current has a torque by its constant, COLUMN*0.0302 N·m"),
+    ],
+)
+def test_what_a_torque_lacks_is_named(log, unit, words):
+    found = log(f"t,T\ns,{unit}\n0,10\n1,20\n")
+    with pytest.raises(InputError, match=re.escape(words)):
+        found.values(Source("T"), "N·m")
+    assert found.values(Source("T", unit="0.1% of 1.27 N·m"), "N·m") == pytest.approx([0.0127, 0.0254])
 
 
 def test_labview_leaves_out_the_comment_at_the_end_of_a_row(log):

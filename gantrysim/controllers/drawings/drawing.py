@@ -253,6 +253,11 @@ class Drawing(Controller):
         text = with_speeds(self.text, change) if self.kind == "csv" else None
         return changed if text is None else {**changed, "text": text}
 
+    @property
+    def programmed_speed(self) -> float:
+        """The fastest speed at which glue is laid: a table may state one for every point [mm/s]."""
+        return max((leg.speed for leg in self._requested_route.legs if leg.glue), default=self.speed)
+
     def stretches(self, period: float) -> Stretches:
         """As `Controller.stretches`: the rows of a table of points, each with the speed on the way to it."""
         if self.kind != "csv":

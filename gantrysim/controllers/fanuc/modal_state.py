@@ -104,6 +104,7 @@ class ModalState:
         offsets: cutter compensation by its number D [mm].
         rotary: letter of the rotary axis.
         home: position of G28 [mm].
+        upward: sign of the program's z on the work, -1 where it is a depth.
         system: index of the coordinate system in force.
         systems: zero of each coordinate system [mm].
         shift: of G52 and G92 [mm].
@@ -131,6 +132,7 @@ class ModalState:
     offsets: Mapping[str, float]
     rotary: str
     home: Vector
+    upward: float = 1.0
     system: int = 0
     systems: list[list[float]] = field(default_factory=lambda: [[0.0] * 3 for _ in range(SYSTEMS)])
     shift: list[float] = field(default_factory=lambda: [0.0] * 3)

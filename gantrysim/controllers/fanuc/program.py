@@ -104,8 +104,9 @@ class Program(Controller):
 
     A text consists of blocks, such as `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`, with subprograms by M98, M99 and G65,
     macro variables, IF, GOTO and WHILE; docs/g-code.md lists the words. Glue is laid in motions at feed, and only
-    between the program's codes for the valve if it has any. G28 moves to `start`. If the program uses G05.1 or G08,
-    blocks overlap by `blend_time` only while that mode is on; elsewhere the motion stops between blocks.
+    between the program's codes for the valve if it has any. G28 moves to `start`, but not down to its height. If the
+    program uses G05.1 or G08, blocks overlap by `blend_time` only while that mode is on; elsewhere the motion stops
+    between blocks.
 
     F is the constant speed along the path. With a limited acceleration, the motion stops before and after a spiral, at
     corners, at G61, and between rapid moves and moves at feed. With a `blend_time` it stops only at G61: a moving
@@ -119,7 +120,7 @@ class Program(Controller):
         program: text of the program, or blocks.
         start: initial position [mm].
         rapid: speed of rapid moves, G00 [mm/min].
-        acceleration: acceleration limit of each of x, y and z [mm/s²].
+        acceleration: acceleration limit of each of x, y and z; none by default, but 1000 for a program file [mm/s²].
         end_point_tolerance: tolerance on a spiral's radius and height at its end, parameter 3471 [mm].
         radius_tolerance: tolerance on an arc's radius at its end, parameter 3410, and on R below half the chord [mm].
         clamp: feed limit by an arc's radius, parameters 1730 to 1732; none by default.
@@ -154,6 +155,7 @@ class Program(Controller):
 
     text_argument: ClassVar[str] = "program"
     ramp_arguments: ClassVar[tuple[str, ...]] = ("acceleration", "rotary_acceleration")
+    assumed_acceleration: ClassVar[float] = 1000.0
     corner_argument: ClassVar[str | None] = "blend_time"
 
     program: str | tuple[Block, ...]
@@ -230,7 +232,8 @@ class Program(Controller):
     def _motions(self) -> ProgramMotions:
         assert isinstance(self.program, str)
         source = ProgramSource(self.program, self.subprograms, self.block_skip, self.max_steps)
-        return read(source, self.start, self.offsets, self.rotary_word, self._outputs, self.flow_output)
+        upward = self.placement.upward
+        return read(source, self.start, self.offsets, self.rotary_word, self._outputs, self.flow_output, upward)
 
     @property
     def called_files(self) -> frozenset[str]:

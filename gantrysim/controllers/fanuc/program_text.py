@@ -71,6 +71,7 @@ def read(
     rotary: str,
     outputs: Outputs,
     flow_output: str = "",
+    upward: float = 1.0,
 ) -> ProgramMotions:
     """Return the motions of a program.
 
@@ -81,11 +82,12 @@ def read(
         rotary: letter of the rotary axis.
         outputs: which the program switches.
         flow_output: S, or the variable of an output, whose value sets the flow; empty for none.
+        upward: sign of the program's z on the work, -1 where it is a depth.
 
     Raises:
         Alarm: an invalid word, or invalid combination of words.
     """
-    state = ModalState(list(start), offsets, rotary, start, outputs=outputs)
+    state = ModalState(list(start), offsets, rotary, start, upward, outputs=outputs)
     sequence = Sequence(source, state.controller_variable)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     variable = int(flow_output[1:]) if flow_output.startswith("#") else 0

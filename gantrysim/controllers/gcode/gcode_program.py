@@ -267,11 +267,14 @@ class GCode(Controller):
 
     @cached_property
     def _fastest(self) -> float:
-        table = self.program.moves
-        return float(table[table[:, KIND] <= 1.0, FEED].max(initial=0.0)) * self.feed_override
+        """The fastest feed with glue, or of all where none is laid: a printer's G0 has a feed, too [mm/s]."""
+        moves = self.program.moves[:, KIND] <= ARC
+        feeds = self.program.moves[:, FEED]
+        laid = feeds[moves & self.program.glue].max(initial=0.0)
+        return float(laid or feeds[moves].max(initial=0.0)) * self.feed_override
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
-        """As the feed override on the operator's panel does, from the fastest feed of the program."""
+        """As the feed override on the operator's panel does, from the fastest feed with glue."""
         fastest = self._fastest
         return {"feed_override": self.feed_override * change(fastest) / fastest} if fastest else {}
 

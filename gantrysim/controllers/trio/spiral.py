@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -90,6 +90,8 @@ def for_late_axes(*, has_ramps: bool, rounds_waits: bool, speed_in_space: bool) 
     return f"the virtual axes are late, use {helpful}fewer turns or a smaller thickness"
 
 
+# one path for all jobs of a search that differ elsewhere, as it holds the tables by which feet are found
+_involute = lru_cache(maxsize=8, typed=True)(Involute)
 _ROUNDING = 1e-12
 _PARTS = 16  # of a turn, at whose ends the speed is given where it is set by place
 
@@ -343,7 +345,9 @@ class MoveSpiral(Controller):
     @cached_property
     def requested(self) -> Involute:
         """The continuous limit: the involute with normal pitch `thickness`."""
-        return Involute(self.radius, self.thickness, self.turns, self.start, 0.5 * math.pi, self.clockwise, self.height)
+        return _involute(
+            self.radius, self.thickness, self.turns, self.start, 0.5 * math.pi, self.clockwise, self.height
+        )
 
     @cached_property
     def generated(self) -> Path:

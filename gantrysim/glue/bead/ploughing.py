@@ -325,7 +325,8 @@ class Ploughing:
         passes: number of passes; two with less than a needle's diameter of motion in between are one.
         depth: greatest depth of the face below the glue's top; 0 where it only touches [mm].
         dots: number of dots among it.
-        tick: where the face is deepest in the longest pass; None without any.
+        tick: where the face is deepest in the longest pass, while it dispenses if it does so in most of that pass; None
+            without any.
     """
 
     length: float = 0.0
@@ -371,6 +372,8 @@ class Ploughing:
             return cls()
         lengths = [bead.length[after - 1] - bead.length[max(first - 1, 0)] for first, after in passes]
         first, after = passes[int(np.argmax(lengths))]
+        dispensing = run.dispense[first - 1 : after - 1]
+        mostly = dispensing == (2 * np.count_nonzero(dispensing) > dispensing.size)
         dotted = touched & sections.is_dot
         return cls(
             length=float(np.count_nonzero(touched & ~sections.is_dot)) * bead.ds
@@ -378,7 +381,7 @@ class Ploughing:
             passes=len(passes),
             depth=max(float(depth.max()), 0.0),
             dots=int(np.count_nonzero(dotted)),
-            tick=first + int(depth[first:after].argmax()),
+            tick=first + int(np.where(mostly, depth[first:after], -np.inf).argmax()),
         )
 
 

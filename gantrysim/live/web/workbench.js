@@ -12,11 +12,23 @@ const GROUPS = { folder: "in this folder", dropped: "dropped", "built-in": "buil
 const RECORD = "run.npz"; // of the folder of a run
 const FORMER = "computing; what is shown is of the former value";
 
-const at = (id) => document.getElementById(id);
+/**
+ * The element of an id.
+ *
+ * @template {string} Id
+ * @param {Id} id
+ * @returns {Id extends keyof PageElements ? PageElements[Id] : HTMLElement}
+ */
+const at = (id) => /** @type {any} */ (document.getElementById(id));
+
+/** @param {string} order @returns {HTMLButtonElement} */
+const buttonOf = (order) => document.querySelector(`[data-do="${order}"]`);
 
 class Workbench {
   constructor() {
+    /** @type {Partial<State>} */
     this.state = { number: -1 };
+    this.listed = "";
     this.shown = -1; // number of the request whose result is shown
     this.head = null;
     this.waiting = false; // for the answer to a slider, until which the next value waits
@@ -48,11 +60,16 @@ class Workbench {
     this.listen();
   }
 
+  /** @param {object} order */
   order(order) {
     this.link.send(order);
   }
 
-  /** Send values; while a slider is dragged the next one waits for the answer, and only the last counts. */
+  /**
+   * Send values; while a slider is dragged the next one waits for the answer, and only the last counts.
+   *
+   * @param {Record<string, unknown>} values @param {boolean} dragging
+   */
   set(values, dragging) {
     if (dragging && this.waiting) {
       this.next = values;
@@ -69,12 +86,14 @@ class Workbench {
     if (this.next) this.set(this.next, true);
   }
 
+  /** @param {boolean} isThere */
   connected(isThere) {
     at("lost").hidden = isThere;
     at("lost").textContent = isThere ? "" : "The server is gone: nothing is computed. Start gantrysim live again; this page tries to reconnect.";
     at("bench").inert = !isThere;
   }
 
+  /** @param {State} state */
   setState(state) {
     const listed = JSON.stringify([state.jobs, state.path]);
     if (listed !== this.listed) this.jobs(state);
@@ -82,9 +101,9 @@ class Workbench {
     const before = this.state;
     this.state = state;
     const enabled = { undo: state.can_undo, redo: state.can_redo, reset: state.changed };
-    for (const [name, can] of Object.entries(enabled)) document.querySelector(`[data-do="${name}"]`).disabled = !can;
+    for (const [name, can] of Object.entries(enabled)) buttonOf(name).disabled = !can;
     at("keep").setAttribute("aria-pressed", String(state.kept));
-    const unsave = document.querySelector('[data-do="unsave"]');
+    const unsave = buttonOf("unsave");
     unsave.hidden = !state.saved;
     unsave.title = `put back what stood in ${state.saved}`;
     at("beside").hidden = !state.beside;
@@ -107,6 +126,7 @@ class Workbench {
     else if ([FORMER, this.compiling].includes(at("status").textContent)) this.say("");
   }
 
+  /** @param {State} state */
   jobs({ jobs, path }) {
     const groups = Object.entries(GROUPS).filter(([kind]) => jobs[kind].length);
     const options = groups.map(([kind, label]) =>
@@ -120,16 +140,19 @@ class Workbench {
     if (chosen) chosen.selected = true;
   }
 
+  /** @param {RowContent} row */
   margins(row) {
     const present = document.querySelector('[data-row="stability"]');
     if (present) present.replaceWith(verdictRow(row));
   }
 
+  /** @param {{ share: number, task: string }} progress */
   progress({ share, task }) {
     at("progress").value = share;
     at("task").textContent = task;
   }
 
+  /** @param {Head} head @param {RunContent | ComparedContent} content @param {number} bytes */
   result(head, content, bytes) {
     this.head = head;
     this.shown = head.number;
@@ -139,21 +162,23 @@ class Workbench {
     document.title = `${head.headline.slice(0, 1)} ${head.name}, gantrysim live`;
     this.views.show(content, head.name);
     at("bench").dataset.engine = head.engine;
-    at("bench").dataset.bytes = bytes;
-    at("bench").dataset.number = head.number;
+    at("bench").dataset.bytes = String(bytes);
+    at("bench").dataset.number = String(head.number);
     performance.mark("result-shown");
     this.paintStale();
     this.answered();
   }
 
+  /** @param {State["beside"]} beside */
   laidBeside({ name, columns, period }) {
     at("beside-title").textContent = `Beside: ${name}`;
     at("difference").textContent = "comparing …";
     at("notes").replaceChildren();
     at("columns").value = columns;
-    at("period").value = period ?? "";
+    at("period").value = String(period ?? "");
   }
 
+  /** @param {BesideContent} beside */
   difference({ sentence, notes, failed }) {
     at("difference").textContent = sentence;
     at("difference").classList.toggle("alarm", failed);
@@ -161,6 +186,7 @@ class Workbench {
     if (failed) at("assign").open = true;
   }
 
+  /** @param {{ name: string, number: number }} film */
   film({ name, number }) {
     const address = `/film?number=${number}`;
     at("video").setAttribute("src", address);
@@ -172,6 +198,7 @@ class Workbench {
     at("film").scrollIntoView({ block: "nearest" });
   }
 
+  /** @param {Refusal | null} refusal */
   refused(refusal) {
     if (refusal && refusal.task !== "show") {
       this.say(`${refusal.task}: ${refusal.text}`);
@@ -187,11 +214,13 @@ class Workbench {
     }
   }
 
+  /** @param {string} text */
   remark(text) {
     this.say(text);
     this.answered();
   }
 
+  /** @param {Proposals} proposals */
   proposals(proposals) {
     const section = at("proposals");
     section.hidden = false;
@@ -199,12 +228,15 @@ class Workbench {
     section.scrollIntoView({ block: "nearest" });
   }
 
+  /** @param {string} text */
   say(text) {
     at("status").textContent = text;
   }
 
   listen() {
-    for (const button of document.querySelectorAll("[data-do]")) {
+    /** @type {NodeListOf<HTMLButtonElement>} */
+    const buttons = document.querySelectorAll("[data-do]");
+    for (const button of buttons) {
       button.addEventListener("click", () => this.order({ do: button.dataset.do }));
     }
     at("keep").addEventListener("click", () => this.order({ do: "keep", on: at("keep").getAttribute("aria-pressed") !== "true" }));
@@ -234,8 +266,10 @@ class Workbench {
     this.first();
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
-    const typing = ["TEXTAREA", "INPUT"].includes(event.target.tagName) && event.target.type !== "range";
+    const { target } = event;
+    const typing = target instanceof HTMLTextAreaElement || (target instanceof HTMLInputElement && target.type !== "range");
     if (event.key === "Escape" && this.state.busy) this.order({ do: "stop" });
     if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || typing) return;
     event.preventDefault();
@@ -254,15 +288,16 @@ class Workbench {
       event.preventDefault();
       document.body.classList.remove("dropping");
       const folder = event.dataTransfer.items[0]?.webkitGetAsEntry?.();
-      const file = folder?.isDirectory ? await recordOf(folder) : event.dataTransfer.files[0];
+      const file = folder?.isDirectory ? await recordOf(/** @type {FileSystemDirectoryEntry} */ (folder)) : event.dataTransfer.files[0];
       if (file) await this.upload(file);
       else this.say(`${folder ? folder.name : "what was dropped"}: no file, nor a folder with ${RECORD}`);
     });
   }
 
+  /** @param {File} file */
   async upload(file) {
     at("proposals").hidden = true;
-    const answer = await fetch(`/upload?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(() => null);
+    const answer = await fetch(`/upload?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(/** @returns {null} */ () => null);
     if (!answer?.ok) this.say(`${file.name}: ${answer ? (await answer.text()).trim() : "the server is gone"}`);
   }
 
@@ -281,11 +316,15 @@ class Workbench {
   }
 }
 
-/** The record in the folder of a run; null where there is none. */
+/**
+ * The record in the folder of a run; null where there is none.
+ *
+ * @param {FileSystemDirectoryEntry} folder @returns {Promise<File | null>}
+ */
 function recordOf(folder) {
   return new Promise((resolve) => {
     const failed = () => resolve(null);
-    folder.getFile(RECORD, {}, (entry) => entry.file(resolve, failed), failed);
+    folder.getFile(RECORD, {}, (entry) => /** @type {FileSystemFileEntry} */ (entry).file(resolve, failed), failed);
   });
 }
 

@@ -3,6 +3,7 @@
 import { element } from "./dom.js";
 
 export class Moment {
+  /** @param {RunData} data @param {Cursor} cursor */
   constructor(data, cursor) {
     this.data = data;
     this.element = element("output", { class: "now", "aria-live": "off" });
@@ -10,6 +11,7 @@ export class Moment {
     this._show(cursor.row);
   }
 
+  /** @param {number} row */
   _show(row) {
     const { data } = this;
     const line = data.column.line[row];

@@ -1,6 +1,6 @@
 // The place of the 3-D view of the bead: its script is expanded when the view comes into sight.
 
-import { bytesOf } from "./data.js";
+import { expanded } from "./data.js";
 import { element } from "./dom.js";
 
 const AHEAD = "200px"; // of the window's edge, at which the script is expanded
@@ -14,16 +14,14 @@ function hasWebgl() {
 }
 
 /** The class of the view, from the script that the page holds. */
-async function expanded() {
-  const text = document.getElementById("viewer-3d").textContent;
-  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const code = await new Response(stream).text();
+async function viewOfPage() {
+  const code = await expanded(document.getElementById("viewer-3d").textContent);
   return new Function(`${code}; return gantrysimSpace;`)().View;
 }
 
 export class Space {
-  /** @param load returns a promise of the class of the view */
-  constructor(data, cursor, load = expanded) {
+  /** @param load returns a promise of the class of the view @param {RunData} data @param {Cursor} cursor */
+  constructor(data, cursor, load = viewOfPage) {
     this.element = element("figure", { class: "view space" }, element("figcaption", {}, element("b", {}, "Bead in 3-D")));
     const reason = !hasWebgl() ? NO_WEBGL : typeof DecompressionStream === "undefined" ? NO_EXPANSION : "";
     if (reason) {
@@ -47,6 +45,7 @@ export class Space {
     this.view?.update();
   }
 
+  /** @param {RunData} data @param {Cursor} cursor @param {() => Promise<typeof import("./view3d.js").View>} load */
   async _show(load, data, cursor) {
     const View = await load();
     this.view = new View(data, cursor);

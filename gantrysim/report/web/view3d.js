@@ -40,6 +40,7 @@ const HINT =
 ColorManagement.enabled = false; // colours are those of the page's scales, as they are
 
 export class View {
+  /** @param {RunData} data @param {Cursor} cursor */
   constructor(data, cursor) {
     this.data = data;
     this.cursor = cursor;
@@ -71,9 +72,11 @@ export class View {
     const all = [...data.column.x.keys()];
     const laid = all.filter((row) => dispense[row]);
     this.laid = laid.length ? laid : all; // a dry run's path
+    /** @param {Values} values */
     const only = (values) => this.laid.map((row) => values[row]);
     const box = { x: extent(only(x)), y: extent(only(y)), z: extent(only(z)) };
     box.z = [box.z[0] - data.space.gap, box.z[1]];
+    /** @param {number[]} range */
     const middle = ([low, high]) => (low + high) / 2;
     this.frame = { x: middle(box.x), y: middle(box.y), z: middle(box.z) };
     this.size = Math.max(...Object.values(box).map(([low, high]) => high - low));
@@ -104,7 +107,7 @@ export class View {
   _rebuild() {
     this.outdated = false;
     const isShown = this.machine.object.visible;
-    this.root.traverse(({ geometry, material }) => {
+    this.root.traverse((/** @type {any} three's types do not tell meshes from groups */ { geometry, material }) => {
       geometry?.dispose();
       material?.dispose();
     });
@@ -117,7 +120,11 @@ export class View {
     if (this.whole) this._fit();
   }
 
-  /** Lines along the path where a condition holds, at a height. */
+  /**
+   * Lines along the path where a condition holds, at a height.
+   *
+   * @param {(row: number) => unknown} holds @param {(row: number) => number} heightAt @param {LineBasicMaterial} material
+   */
   _lines(holds, heightAt, material) {
     const { data, frame } = this;
     const { x, y } = data.column;
@@ -131,12 +138,13 @@ export class View {
   }
 
   _caption() {
-    const { data } = this;
+    /** @param {string} label @param {() => void} action @param {string} [title] */
     const press = (label, action, title) => {
       const button = element("button", { type: "button", title }, label);
       button.addEventListener("click", action);
       return button;
     };
+    /** @param {number} azimuth @param {number} elevation */
     const look = (azimuth, elevation) => () => {
       this.camera.look(azimuth, elevation);
       this._fit();
@@ -147,6 +155,7 @@ export class View {
     });
     const buttons = [machine];
     if (this.box.z[1] - this.box.z[0] < FLAT * this.size) {
+      /** @param {boolean} on */
       const magnify = (on) => {
         this.factor = on ? MAGNIFIED : 1;
         this.root.scale.z = this.factor;
@@ -193,6 +202,7 @@ export class View {
     }).observe(this.surface);
   }
 
+  /** @param {number} row */
   _described(row) {
     const { data } = this;
     const place = ["x", "y", "z"].map((name) => `${name} ${data.text(name, row)}`).join(", ");
@@ -242,6 +252,7 @@ export class View {
     const laid = this.laid.filter((_, k) => k % every === 0);
     const { corners, top } = this.ground;
     const { right } = this.camera;
+    /** @param {number[]} corner */
     const aside = (corner) => corner[0] * right.x + corner[1] * right.y;
     const left = corners.reduce((first, corner) => (aside(corner) < aside(first) ? corner : first));
     const scale = [left[0], left[1], top]; // of heights, which stands there
@@ -251,11 +262,13 @@ export class View {
     this._redraw();
   }
 
+  /** @param {number} x @param {number} y @param {number} z @param {number[]} result */
   project(x, y, z, result) {
     const { frame, factor } = this;
     return this.camera.project(x - frame.x, y - frame.y, factor * (z - frame.z), result);
   }
 
+  /** @param {number} row @param {number[]} result */
   projectRow(row, result) {
     const { x, y, z } = this.data.column;
     return this.project(x[row], y[row], z[row], result);
@@ -287,7 +300,11 @@ export class View {
     this.surface.dataset.view = [azimuth, elevation, distance, ...target.toArray()].map((v) => v.toPrecision(7)).join(" ");
   }
 
-  /** Find the row nearest to the mouse; of stretches that cross there, the one in front. */
+  /**
+   * Find the row nearest to the mouse; of stretches that cross there, the one in front.
+   *
+   * @param {number} px @param {number} py @param {(row: number) => void} found
+   */
   _find(px, py, found) {
     const { data } = this;
     const place = [0, 0, 0];

@@ -241,3 +241,12 @@ def test_extreme_syringes_cause_no_error():
         flow = pulse(syringe, opening=1e-9, closing=1e-9)
         assert np.isfinite(flow).all()
         assert flow.min() >= 0
+
+
+def test_the_glue_ends_at_the_end_of_the_tick_that_takes_its_last():
+    """The valve's pressure at once, so that V / Q = 123.4 ticks."""
+    flow = float(NEEDLE.flow(PRESSURE))
+    syringe = Syringe(volume=123.4 * PERIOD * flow / 1e3, dead_volume=0.05, conductance=1e4)
+    dispenser = Dispenser(pressure=PRESSURE, metering="time-pressure", needle=NEEDLE, syringe=syringe)
+    (note,) = dispenser.notes(np.ones(300, bool), np.zeros(300), PERIOD)
+    assert note.endswith("mm³ runs empty at t = 0.124 s")
