@@ -140,4 +140,4 @@ def test_a_line_that_runs_twice_is_as_fast_as_its_slowest_pass():
     for speeds in ([90.0, 50.0, 30.0], [30.0, 50.0, 90.0]):
         search = _Search(None, Stretches.of([10.0] * 3, [1, 2, 1], [PROGRAMMED] * 3), [{}], None)
         search._model.add_even_run(LocalUsage(np.zeros((4, 3, 2)), np.full(3, PROGRAMMED)), 1.0)
-        assert search._written(np.array(speeds)) == {1: 30.0, 2: 50.0}
+        assert search._written_speeds(np.array(speeds)) == {1: 30.0, 2: 50.0}
