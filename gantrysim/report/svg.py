@@ -88,21 +88,19 @@ def _short_path(match: re.Match[str]) -> str:
 
 
 def _small_image(match: re.Match[str]) -> str:
-    """Return an image with the 256 colours that are nearest to its own, where it is shorter so."""
+    """Return an image with the same pixels, compressed further where that is shorter."""
     from PIL import Image  # slow to import
 
-    picture = Image.open(io.BytesIO(base64.b64decode(match[2])))
-    few = picture.quantize(method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     file = io.BytesIO()
-    few.save(file, format="png", optimize=True)
+    Image.open(io.BytesIO(base64.b64decode(match[2]))).save(file, format="png", optimize=True)
     short = base64.b64encode(file.getvalue()).decode("ascii")
     return match[1] + min(match[2], short, key=len)
 
 
 def _hundredths(number: int) -> str:
     """Return a number of hundredths with what parts it from the one before."""
-    size, rest = divmod(abs(number), 100)
-    text = f"{size or ''}.{rest:02d}".rstrip("0").rstrip(".") or "0"
+    ones, hundredths = divmod(abs(number), 100)
+    text = f"{ones or ''}.{hundredths:02d}".rstrip("0").rstrip(".") or "0"
     return f"-{text}" if number < 0 else f" {text}"
 
 

@@ -41,25 +41,30 @@ from gantrysim.results.run_results import RunResults
 # Only jobs whose bead leaves a plane have the view, see `gantrysim.glue.bead.trace`.
 
 POSES = 800  # of the machine in a run, between which the page interpolates by cubics
+_FEWEST_POSES = 100
 _CONSTANT = 1e-6  # extent of a coordinate below which it is one number [mm, or of a quaternion]
 
 
-def space_content(results: RunResults) -> dict[str, Any]:
-    """Return the gap, and the machine in poses at ticks evenly spread over the run.
+def space_content(results: RunResults, poses: int = POSES) -> dict[str, Any]:
+    """Return the gap and the machine in so many poses, at ticks evenly spread over the run, and its solids apart.
 
     The gap between nozzle and surface is in mm, positions and sizes of the machine are in mm in the frame of the work.
+    The solids of each part are those of other runs, too, so that they need not be sent again.
     """
     run = results.budget.analysis.run
-    ticks = pose_ticks(run)
+    ticks = pose_ticks(run, poses)
     parts = outline(results.machine, run.encoder[ticks])
     gap = run.gap if results.bead is None else results.bead.gap
-    return {"gap": gap, "poses": int(ticks.size), "parts": [_part_content(part) for part in parts]}
+    return {
+        "space": {"gap": gap, "poses": int(ticks.size), "parts": [_part_content(part) for part in parts]},
+        "solids": [[_solid_content(solid) for solid in part.solids] for part in parts],
+    }
 
 
-def pose_ticks(run: Run) -> NDArray[np.intp]:
+def pose_ticks(run: Run, poses: int = POSES) -> NDArray[np.intp]:
     """Return the ticks of the poses, evenly spread and no more than the run has, (poses,)."""
     last = len(run.time) - 1
-    return np.rint(np.linspace(0, last, min(POSES, last + 1))).astype(np.intp)
+    return np.rint(np.linspace(0, last, min(poses, last + 1))).astype(np.intp)
 
 
 def bead_height(bead: Bead, rows: NDArray[np.intp]) -> Floats:
@@ -70,7 +75,6 @@ def bead_height(bead: Bead, rows: NDArray[np.intp]) -> Floats:
 def _part_content(part: Part) -> dict[str, Any]:
     return {
         "name": part.name,
-        "solids": [_solid_content(solid) for solid in part.solids],
         "pose": [_coordinate_content(values) for values in (*part.position.T, *part.rotation.T)],
     }
 
@@ -191,7 +195,7 @@ class ViewerData:
         nozzle = budget.analysis.nozzle
         yield Series("s", "s", "mm", "", lambda: nozzle.s, ticks, "distance along the requested path")
         for axis, name in enumerate("xyz"):
-            if name == "z" and not self.in_space and extent(lambda block: run.nozzle[block, 2], len(run.time)) < _LEVEL:
+            if name == "z" and extent(lambda block: run.nozzle[block, 2], len(run.time)) < _LEVEL:
                 continue
             position = partial(_coordinate, run, "nozzle", axis)
             yield Series(name, name, "mm", "", position, None, "nozzle in the work frame")
@@ -313,8 +317,13 @@ class ViewerData:
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": self._width_tolerance,
             "dots": [_dot_content(verdict, rows) for verdict in self.results.dots],
-            "space": space_content(self.results) if self.in_space else None,
+            **(space_content(self.results, self._poses) if self.in_space else {"space": None, "solids": None}),
         }
+
+    @property
+    def _poses(self) -> int:
+        """Number of the machine's poses: of fewer rows there are fewer, which take longer than the rows."""
+        return max(POSES * self._most // MOST_ROWS, _FEWEST_POSES)
 
     def text(self) -> str:
         """Return the content as JSON that may stand in an HTML script element."""

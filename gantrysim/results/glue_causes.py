@@ -45,12 +45,14 @@ class GlueCause:
         off: what the bead without it is like.
         without: returns the record without it, or the record itself where it is absent.
         moves: whether that has another trace of the nozzle.
+        meaning: in a few words, where the name alone does not tell what it is.
     """
 
     name: str
     off: str
     without: Callable[[Job, Bead], Run]
     moves: bool = False
+    meaning: str = ""
 
 
 def without_dead_time(dispenser: Dispenser) -> Dispenser:
@@ -142,8 +144,18 @@ GLUE_CAUSES = (
     GlueCause(
         "valve delay", "the flow begins to change at once, without the leads for it", _with_dispenser(without_dead_time)
     ),
-    GlueCause("lag", "the flow follows its request after the dead time", _with_dispenser(without_lag)),
-    GlueCause("speed changes", "the nozzle passes all of its path at one speed", at_constant_speed),
+    GlueCause(
+        "lag",
+        "the flow follows its request after the dead time",
+        _with_dispenser(without_lag),
+        meaning="of the flow behind its request",
+    ),
+    GlueCause(
+        "speed changes",
+        "the nozzle passes all of its path at one speed",
+        at_constant_speed,
+        meaning="which the flow does not follow",
+    ),
     GlueCause("path error", "the nozzle is above the requested path", _with_nozzle_shift((0.0, 0.0, 1.0)), moves=True),
     GlueCause(
         "needle gap", "the needle's height above the work is exact", _with_nozzle_shift((1.0, 1.0, 0.0)), moves=True

@@ -318,3 +318,36 @@ def test_the_log_of_an_override_knows_the_drives():
     simulation = batch.episodes[0].simulation
     assert (simulation.drives["current"]["lead"] > 0).all()
     np.testing.assert_array_equal(simulation.book._drives[:, 0], simulation.drives["current"]["lead"])
+
+
+def test_the_camera_sees_a_clog_once_it_has_come_to_it():
+    """10 mm behind the nozzle, at 50 mm/s."""
+    env = BeadWidthEnv(camera_noise=0.0, speed=50.0, decision_interval=0.01, behind=10.0)
+    observation, _ = env.reset(seed=1, options={"task": {**STEADY, "viscosity": 1.0, "clog": 0.5, "clog_time": 1.0}})
+    at = env.observation_names.index("width_error")
+    # from after the start, where the pressure rises
+    for _ in range(95):
+        observation, *_ = env.step(still(None))
+    assert abs(observation[at]) < 0.1
+    while observation[at] > -2.0:
+        observation, *_ = env.step(still(None))
+    seen = env.run.time[-1] - 1.0
+    # pieces of the bead, and the interval
+    assert 10.0 / 50.0 <= seen <= (10.0 + 2 * 0.55) / 50.0 + 0.02
+
+
+def test_a_fault_loses_all_of_the_path_from_the_interval_on_in_which_it_happens(monkeypatch):
+    """The largest loss of its length: as slow as can be, and as far from the path as counts."""
+    env = SpeedOverrideEnv(diameter=40.0, turns=1, thickness=8.0, speed=100.0, slowest=0.2)
+    env.reset(seed=1)
+    for _ in range(5):
+        _, _, _, _, info = env.step(still(None))
+        assert info["reward_fault"] == 0
+    batch = env._episodes
+    settings = batch.settings
+    left = 1 - batch._commanded_s[0] / batch._length[0]
+    assert 0.1 < left < 0.99
+    ends = batch._ends
+    monkeypatch.setattr(batch, "_ends", lambda advanced: ends(advanced)._replace(faulty=advanced.copy()))
+    *_, info = env.step(still(None))
+    assert info["reward_fault"] == pytest.approx(-left * (1 / settings.slowest + settings.weight * settings.worst))

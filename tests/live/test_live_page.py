@@ -245,6 +245,86 @@ def test_a_measured_trace_is_laid_beside_the_run(page, folder):
     assert page.browser.run("return document.getElementById('beside').hidden")
 
 
+# roles of what one can operate
+OPERATED = {"button", "slider", "combobox", "textbox", "spinbutton", "link", "checkbox", "DisclosureTriangle", "option"}
+
+
+def nodes(page):
+    """What a screen reader is told: role, name and properties of every node."""
+    page.browser.driver.execute_cdp_cmd("Accessibility.enable", {})
+    tree = page.browser.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+    page.browser.driver.execute_cdp_cmd("Accessibility.disable", {})
+    for node in tree:
+        if not node["ignored"]:
+            properties = {entry["name"]: entry["value"].get("value") for entry in node.get("properties", ())}
+            yield node["role"]["value"], node.get("name", {}).get("value", ""), properties
+
+
+def test_a_screen_reader_is_told_every_control_and_the_verdict(page):
+    page.changed(OPEN, "short.toml")
+    told = list(nodes(page))
+    operated = [(role, name) for role, name, _ in told if role in OPERATED]
+    assert len(operated) > 50
+    assert [(role, name) for role, name in operated if not name.strip()] == []
+    texts = [name for _, name, properties in told if properties.get("live") == "polite"]
+    assert texts
+    live = "document.getElementById('verdict')"
+    assert page.browser.run(f"return {live}.getAttribute('aria-live')") == "polite"
+    assert page.browser.run(f"return {live}.getAttribute('aria-busy')") == "false"
+    page.browser.run(f"window.seen = 0; new MutationObserver(() => window.seen++).observe({live}, {{childList: true}})")
+    page.changed(SLIDE, "program.acceleration", 490)
+    # the stability first, then the first answer; the whole one, which is the same, is not read out again
+    assert page.browser.run("return window.seen") == 2
+
+
+def test_every_target_is_large_enough_for_a_finger(page):
+    script = """
+    const targets = [...document.querySelectorAll("button, select, input, summary, a[href], textarea, [tabindex='0']")];
+    const sizes = targets.map((target) => [target, target.getBoundingClientRect()]).filter(([, box]) => box.width > 1);
+    const small = sizes.filter(([, box]) => Math.min(box.width, box.height) < 23.5);
+    return [sizes.length, small.map(([target, box]) => `${target.outerHTML.slice(0, 80)} ${box.width} ${box.height}`)];
+    """
+    for name in ("short.toml", "part.ngc"):
+        page.changed(OPEN, name)
+        count, small = page.browser.run(script)
+        assert count > 40
+        assert small == []
+
+
+def touch(page, begin, end):
+    """Drag a finger over the page."""
+    send = page.browser.driver.execute_cdp_cmd
+    for kind, point in (("touchStart", begin), ("touchMove", end), ("touchEnd", None)):
+        points = [] if point is None else [{"x": point[0], "y": point[1]}]
+        send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        page.browser.settle()
+
+
+def test_a_finger_moves_a_slider_the_part_and_the_cursor(page):
+    page.browser.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
+    try:
+        page.changed(OPEN, "part.ngc")
+        left, top, width, height = page.browser.box("input[type=range][data-key=override]")
+        middle = (left + 0.5 * width, top + 0.5 * height)
+        number = page.number
+        touch(page, middle, (left + 0.25 * width, middle[1]))
+        page.until(f"Number({BENCH}.dataset.number) > {number} && {WHOLE}")
+        assert slid(page, "override") < 100
+        left, top, width, height = page.browser.box(".bead .surface")
+        middle = (left + 0.5 * width, top + 0.5 * height)
+        near_path = (middle[0], top + 0.93 * height)
+        touch(page, near_path, near_path)
+        assert page.browser.run("return document.querySelector('.readout .pin').textContent").startswith("pinned")
+        page.browser.run("[...document.querySelectorAll('.choices button')].at(-1).click()")
+        place = slid(page, "program.placement.x")
+        number = page.number
+        touch(page, middle, (middle[0] + 50, middle[1]))
+        page.until(f"Number({BENCH}.dataset.number) > {number} && {WHOLE}")
+        assert slid(page, "program.placement.x") > place + 1.0
+    finally:
+        page.browser.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+
+
 @pytest.mark.soak
 def test_a_lost_server_is_said(browser, folder):
     served = Served(folder, "part.ngc")

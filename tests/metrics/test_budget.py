@@ -258,7 +258,7 @@ def test_a_budget_prints_as_the_table_of_its_links():
     assert header.split() == ["link", "rms", "95", "%", "max", "share"]
     assert [row.split(maxsplit=6) for row in rows] == [
         ["program", "300.0", "300.0", "300.0", "150.0", "%", "requested path to commanded"],
-        ["servo", "100.0", "100.0", "100.0", "-50.0", "%", "commanded to encoder"],
+        ["servo", "100.0", "100.0", "100.0", "−50.0", "%", "commanded to encoder"],
         ["encoder", "0", "0", "0", "0", "%", "encoder to motor"],
         ["structure", "0", "0", "0", "0", "%", "motor to nozzle"],
         ["contour", "200.0", "200.0", "200.0", "100.0", "%", "requested path to nozzle"],

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import gantrysim as gs
+from gantrysim.base.quantity import NO_BREAK_SPACE
 from gantrysim.job.basis import RigBasis
 from gantrysim.report.writing import results_of
 
@@ -82,7 +83,7 @@ def test_the_report_says_that_the_tolerances_are_defaults(simulated, tmp_path):
     text = page.read_text(encoding="utf-8")
     assert DEFAULTS in text
     assert "simulation on xy" in text
-    assert "setpoints from Python, servo period 1 ms" in text
+    assert "setpoints from Python, servo period 1 ms" in text.replace(NO_BREAK_SPACE, " ")
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["causes"] is None
     assert summary["notes"][0].endswith("in a job: gantrysim.Job.load.")

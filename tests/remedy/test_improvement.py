@@ -1,6 +1,7 @@
 """What the result of a search says, of verdicts and trials that are made up."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,7 +11,7 @@ from gantrysim.remedy.bounds import bound_of
 from gantrysim.remedy.improvement import Improvement, names_of
 from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.report import remedy_of
+from gantrysim.remedy.report import _values, remedy_of
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
@@ -87,17 +88,25 @@ def test_what_no_lever_cures_is_told_first_with_what_does():
     before, after = glue_of(2.5, 15.2), glue_of(2.4, 2.04)
     result = result_of(after, before=before, combination=picked(after, "lag compensation", before=before))
     assert result.sentence == (
-        f"no lever cures bead ploughed 2.5 mm, at most 0 mm: {order}. "
+        f"no lever cures bead ploughed: {order}. "
         "Lag compensation (× 2) is for what else fails: bead too narrow by 15.2 → 2.0 %."
     )
     assert remedy_of(result).change == result.sentence.replace("no", "No", 1)
-    assert result_of(before, before=before).sentence == f"no lever cures bead ploughed 2.5 mm, at most 0 mm: {order}."
+    assert result_of(before, before=before).sentence == f"no lever cures bead ploughed: {order}."
     crossed = "1 pass; the path crosses its own bead: lay it without crossings"
     most = glue_of(0.5, 2.0, crossed)
     sentence = result_of(most, before=before, combination=picked(most, "lift", before=before)).sentence
     assert sentence == (
         "best with lift (× 2); nothing meets the tolerance: glue remains, bead ploughed 0.5 mm, at most 0 mm. "
-        "What forbids it is the program link: the path crosses its own bead: lay it without crossings."
+        "The path crosses its own bead: lay it without crossings."
+    )
+
+
+def test_the_lever_that_lowers_the_worst_value_is_named_first():
+    before, wide, most = glue_of(14.7, 22.0), glue_of(14.7, 5.0), glue_of(1.5, 5.0)
+    levers = [trial_of("lag compensation", "", before, wide), trial_of("lift", "3 mm", before, most)]
+    assert result_of(most, before=before, combination=levers).sentence.startswith(
+        "best with lift (3 mm), lag compensation; nothing meets the tolerance: glue remains, bead ploughed 1.5 mm"
     )
 
 
@@ -171,3 +180,12 @@ def test_a_blob_that_e_feeds_at_rest_is_not_put_down_to_the_speed():
     outcome = measured_outcome(job)
     reason = bound_of(job, outcome, "glue")
     assert reason == "the program link: what E feeds, at rest or for each length, varies more than the bead admits"
+
+
+def test_the_first_screen_has_the_values_of_what_was_cured_and_of_what_is_left():
+    before = verdict_of(2.0, 0.5, 0.5)
+    after = verdict_of(0.75, 0.9, 3.0)
+    texts = _values(SimpleNamespace(verdict=before, improved=after)).split("; ")
+    # the machine's, which is the worst, is told with the verdict
+    assert [text.partition(":")[0] for text in texts] == ["path", "stability"]
+    assert "3.0 mm, at most 4.0 mm" in texts[0].replace("\xa0", " ")

@@ -218,7 +218,7 @@ def test_every_value_of_known_machines_is_shown_where_it_belongs():
     shown = zip(axes.get_yticklabels(), axes.texts, axes.patches, influence.rows, strict=True)
     for label, text, bar, (name, coefficient, *_) in shown:
         assert label.get_text() == name
-        assert text.get_text() == f"{round(coefficient, 2) + 0.0:+.2f}"
+        assert text.get_text() == f"{round(coefficient, 2) + 0.0:+.2f}".replace("-", "−")
         assert bar.get_width() == coefficient
     labels = [text.get_text() for text in report.plots[0].figure.legends[0].texts]
     assert labels == ["tolerance 60", "nominal machine 16.5"]

@@ -22,6 +22,7 @@ from gantrysim.controllers.fanuc.codes.modal_codes import INCH
 from gantrysim.controllers.fanuc.compensation import compensated_legs
 from gantrysim.controllers.fanuc.corners import cornered_legs
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed_legs, switched_legs
+from gantrysim.controllers.fanuc.modal_state import ModalState
 from gantrysim.controllers.fanuc.parts import Part, averaged_places, in_place, stretch
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding
@@ -232,8 +233,15 @@ class Program(Controller):
     def _motions(self) -> ProgramMotions:
         assert isinstance(self.program, str)
         source = ProgramSource(self.program, self.subprograms, self.block_skip, self.max_steps)
-        upward = self.placement.upward
-        return read(source, self.start, self.offsets, self.rotary_word, self._outputs, self.flow_output, upward)
+        state = ModalState(
+            list(self.start),
+            self.offsets,
+            self.rotary_word,
+            home=self.start,
+            upward=self.placement.upward,
+            outputs=self._outputs,
+        )
+        return read(source, state, self.flow_output)
 
     @property
     def called_files(self) -> frozenset[str]:

@@ -8,6 +8,9 @@ import { element } from "../../report/web/dom.js";
  * @param {HTMLElement} place @param {Head} head
  */
 export function showVerdict(place, head) {
+  const words = JSON.stringify([head.headline, head.rows, head.sentence, head.kept]);
+  if (place.dataset.words === words) return; // else it would be read out again
+  place.dataset.words = words;
   const open = [...place.querySelectorAll("[data-row]:has(details[open])")].map((row) => row.getAttribute("data-row"));
   place.replaceChildren(...verdictRows(head));
   for (const name of open) place.querySelector(`[data-row="${name}"] details`)?.setAttribute("open", "");

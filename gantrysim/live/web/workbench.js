@@ -30,6 +30,7 @@ class Workbench {
     this.state = { number: -1 };
     this.listed = "";
     this.shown = -1; // number of the request whose result is shown
+    /** @type {Head | null} */
     this.head = null;
     this.waiting = false; // for the answer to a slider, until which the next value waits
     this.next = null;
@@ -122,6 +123,7 @@ class Workbench {
 
   paintStale() {
     at("bench").classList.toggle("stale", this.stale);
+    at("verdict").setAttribute("aria-busy", String(this.stale));
     if (this.stale) this.say(FORMER);
     else if ([FORMER, this.compiling].includes(at("status").textContent)) this.say("");
   }
@@ -143,7 +145,8 @@ class Workbench {
   /** @param {RowContent} row */
   margins(row) {
     const present = document.querySelector('[data-row="stability"]');
-    if (present) present.replaceWith(verdictRow(row));
+    const kept = this.head?.kept?.rows.find(({ name }) => name === row.name);
+    if (present) present.replaceWith(verdictRow(row, kept));
   }
 
   /** @param {{ share: number, task: string }} progress */

@@ -139,6 +139,7 @@ export class RunData {
   /** @type {number} */ path_tolerance;
   /** @type {number} */ width_tolerance;
   /** @type {SpaceContent | null} */ space;
+  /** @type {Solid[][] | null} */ solids;
 
   /** @param {RunContent} content */
   constructor(content) {
@@ -156,6 +157,7 @@ export class RunData {
     /** @type {Columns} */
     this.column = {};
     for (const name of Object.keys(content.columns)) this.column[name] = decode(content.columns[name], content.rows);
+    this.column.z ??= new Float64Array(content.rows); // of a flat run
     const { tick, s, x, y, dx, dy, contour } = this.column;
     const rows = this.rows;
     this.time = tick.map((k) => content.start + k * content.period);

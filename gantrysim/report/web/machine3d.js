@@ -81,11 +81,11 @@ export class MachineOutline {
     this.faces = new MeshBasicMaterial({ transparent: true, opacity: FACE, depthWrite: false });
     this.edges = new LineBasicMaterial({ transparent: true, opacity: EDGE, depthWrite: false });
     this.needle = new MeshBasicMaterial({ transparent: true, opacity: NEEDLE });
-    this.parts = parts.map((part) => this._part(part, poses));
+    this.parts = parts.map((part, k) => this._part(part, data.solids[k], poses));
   }
 
-  /** @param {PartContent} part @param {number} poses */
-  _part({ solids, pose }, poses) {
+  /** @param {PartContent} part @param {Solid[]} solids @param {number} poses */
+  _part({ pose }, solids, poses) {
     const shapes = solids.map((solid) => {
       const [, , , , px, py, pz, w, x, y, z] = solid;
       const matrix = new Matrix4().compose(

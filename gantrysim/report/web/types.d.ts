@@ -42,7 +42,6 @@ type Solid = [string, number, number, number, number, number, number, number, nu
 
 interface PartContent {
   name: string;
-  solids: Solid[];
   pose: (number | ColumnContent)[];
 }
 
@@ -71,6 +70,7 @@ interface RunContent {
   width_tolerance: number;
   dots: DotContent[];
   space: SpaceContent | null;
+  solids: Solid[][] | null;
 }
 
 interface RunLooks {

@@ -205,7 +205,7 @@ export class View {
   /** @param {number} row */
   _described(row) {
     const { data } = this;
-    const place = ["x", "y", "z"].map((name) => `${name} ${data.text(name, row)}`).join(", ");
+    const place = ["x", "y", "z"].filter((name) => data.seriesOf(name)).map((name) => `${name} ${data.text(name, row)}`).join(", ");
     const width = data.width ? `, bead width ${data.text("width", row)}` : "";
     return `t = ${data.time[row].toFixed(3)} s, ${place}, contour error ${data.text("contour", row)}${width}`;
   }
