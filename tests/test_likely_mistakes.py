@@ -58,7 +58,7 @@ def calls(right):
     }
     machine, servo, job, run = (right[name] for name in ("machine", "servo", "job", "run"))
     methods = (gs.Job.load, gs.Run.load, gs.SavedRun.load, gs.Servo.derive, gs.Verdict.of, gs.Setpoints.along)
-    methods += (machine.perturbed, machine.with_geometry, job.changed, job.overridden, job.at_speed)
+    methods += (machine.perturbed, machine.with_geometry, job.changed, job.with_overrides, job.at_speed)
     methods += (servo.with_values, run.save, run.report, run.film, run.__getitem__)
     return (
         plain

@@ -182,7 +182,7 @@ def test_opengl_that_cannot_draw_the_size_is_refused_in_one_line_and_freed(xy, r
         return context
 
     monkeypatch.setattr("gantrysim.render.renderer._LARGEST_SIDE", 200000)
-    monkeypatch.setattr("gantrysim.render.renderer.offscreen", watched)
+    monkeypatch.setattr("gantrysim.render.renderer.offscreen_context", watched)
     with pytest.raises(NoOpenGLError, match=r"^OpenGL cannot draw pictures of 100000 x 2 pixels: Offscreen.*not com"):
         Renderer(xy, run, size=(100000, 2))
     assert len(made) == 1
