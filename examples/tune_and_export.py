@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import gantrysim as gs
-from gantrysim.exchange.gains import exported
+from gantrysim.exchange.gains import export_gains
 
 BUDGET = 60  # runs of the search; 300 are the default of `gantrysim tune`
 
@@ -25,7 +25,7 @@ for name, run in (("derived", before), ("tuned", after)):
     print(f"{name} gains: contour error {1e3 * rms:.2f} µm rms")
 
 # 4. The gains in LinuxCNC's parameters, and the settings that are not gains.
-text, notes = exported("linuxcnc", job.built_machine.axes, tuned)
+text, notes = export_gains("linuxcnc", job.built_machine.axes, tuned)
 print(text)
 for note in notes:
     print("note:", note)

@@ -29,6 +29,7 @@ from gantrysim import Machine
 from gantrysim.cli.main import main
 from gantrysim.paths.arcs import ArcChain
 
+from support.browser import Browser, chromium
 from support.fresh import FreshProcesses
 
 settings.register_profile("any machine", max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -105,6 +106,22 @@ def fresh(tmp_path_factory) -> Iterator[FreshProcesses]:
     processes = FreshProcesses(tmp_path_factory.mktemp("fresh"))
     yield processes
     processes.close()
+
+
+@pytest.fixture(scope="session")
+def _chromium(tmp_path_factory) -> Iterator[Browser]:
+    with chromium(tmp_path_factory.mktemp("chromium")) as opened:
+        yield opened
+
+
+@pytest.fixture
+def browser(_chromium) -> Iterator[Browser]:
+    """The browser that all tests of this process share, as if it had just begun: on paper of no colour scheme."""
+    _chromium.media()
+    _chromium.messages()
+    yield _chromium
+    # a page left open would go on drawing
+    _chromium.driver.get("about:blank")
 
 
 @pytest.fixture(scope="session")

@@ -58,7 +58,7 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-def seen(array: NDArray[Any]) -> NDArray[Any]:
+def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
     """Return a read-only view of an array.
 
     Numba compiles a function anew for arrays that are read-only and that are not: this makes them one kind.

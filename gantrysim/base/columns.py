@@ -125,7 +125,7 @@ class FileTable:
                 while unwritten:
                     unwritten = unwritten[self._file.raw.write(unwritten) :]
 
-    def stored(self, rows: int) -> dict[str, Stored]:
+    def first_rows(self, rows: int) -> dict[str, Stored]:
         """Return the first rows of all columns."""
         return {
             name: Stored(self._file, dtype, (rows, *tail), self._offsets[name])
@@ -186,7 +186,7 @@ def table_by_blocks(parts: Iterator[_Table], rows: int) -> _Table:
         table.write(written, content)
         written += len(content[names[0]])
         part = next(parts, None)
-    return type(first)(**table.stored(written))
+    return type(first)(**table.first_rows(written))
 
 
 def array_of(value: NDArray[Any] | Stored) -> NDArray[Any]:

@@ -7,6 +7,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
+from gantrysim.base.quantity import joined
+
 
 def decimals_of(whole: float) -> int:
     """Return the decimals that show the parts of a quantity to a hundred-thousandth of the whole."""
@@ -31,7 +33,7 @@ def table_html(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) 
     """Return a table in HTML; the first cell of a row is its head."""
     head = "".join(f"<th>{escape(name)}</th>" for name in heads)
     body = "".join(
-        f"<tr><th>{escape(first)}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
+        f"<tr><th>{escape(first)}</th>{''.join(f'<td>{escape(joined(cell))}</td>' for cell in cells)}</tr>"
         for first, *cells in rows
     )
     return f"<table><caption>{escape(title)}</caption>{f'<tr>{head}</tr>' if head else ''}{body}</table>"

@@ -20,7 +20,7 @@ _shortened = Repr()
 _shortened.maxstring = _shortened.maxother = 80  # characters of a value or name in a message
 
 
-def shown(value: object) -> str:
+def short_text(value: object) -> str:
     """Return a value in one line, shortened."""
     # arrays have several lines
     return _shortened.repr(value).replace("\n", " ")
@@ -64,21 +64,21 @@ def text_of(error: BaseException) -> str:
     return text if isinstance(error, GantryError) else f"{type(error).__name__}: {text}".removesuffix(": ")
 
 
-def expanded(path: str | os.PathLike[str]) -> Path:
+def expanded_path(path: str | os.PathLike[str]) -> Path:
     """Return a path with ~ as the home folder, or raise InputError where there is none, or no such path can be."""
     if not isinstance(path, str | os.PathLike):
         raise wrong_type("path", path, "a path, as text or pathlib.Path")
     if "\0" in os.fspath(path):
-        raise InputError(f"{shown(os.fspath(path))}: has a zero character, which no path can have")
+        raise InputError(f"{short_text(os.fspath(path))}: has a zero character, which no path can have")
     try:
-        expanded_path = Path(path).expanduser()
+        expanded = Path(path).expanduser()
         # fails for too long a name, or in a folder that may not be entered
-        expanded_path.exists()
+        expanded.exists()
     except RuntimeError:
         raise InputError(f"{os.fspath(path)}: no such home folder") from None
     except OSError as error:
-        raise InputError(f"{shown(os.fspath(path))}: {error.strerror}") from None
-    return expanded_path
+        raise InputError(f"{short_text(os.fspath(path))}: {error.strerror}") from None
+    return expanded
 
 
 def finite(name: str, value: float, unit: str = "") -> float:
@@ -89,7 +89,7 @@ def finite(name: str, value: float, unit: str = "") -> float:
             raise TypeError
         number = float(value)
     except (TypeError, ValueError):
-        raise InputError(f"{name} = {shown(value)}: must be a number") from None
+        raise InputError(f"{name} = {short_text(value)}: must be a number") from None
     except OverflowError:  # of an integer of more than 308 digits
         raise InputError(f"{name}: must be finite, at most {sys.float_info.max:.4g}") from None
     if not math.isfinite(number):
@@ -102,7 +102,7 @@ def finite_of(name: str, text: str, unit: str = "") -> float:
     try:
         number = float(text)
     except ValueError:
-        raise InputError(f"{name} = {shown(text)}: must be a number") from None
+        raise InputError(f"{name} = {short_text(text)}: must be a number") from None
     return finite(name, number, unit)
 
 
@@ -130,7 +130,7 @@ def between(name: str, value: float, low: float, high: float, unit: str = "") ->
     return number
 
 
-def point(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, float]:
+def plane_point(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, float]:
     """Return `value` as two floats, x and y, or raise InputError where it is not two finite numbers."""
     numbers = np.ravel(np.asarray(value, object))
     if numbers.size != 2:
@@ -138,7 +138,7 @@ def point(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, f
     return finite(f"{name} x", numbers[0], unit), finite(f"{name} y", numbers[1], unit)
 
 
-def place(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, float, float]:
+def space_point(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, float, float]:
     """Return `value` as x, y and z, z being 0 where it is left out, or raise InputError."""
     numbers = tuple(value)
     if len(numbers) not in (2, 3):
@@ -148,7 +148,7 @@ def place(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, f
     return x, y, z
 
 
-def whole(name: str, value: float, bound: int) -> int:
+def whole_number(name: str, value: float, bound: int) -> int:
     """Return `value` as an int, or raise InputError where it is no whole number or below `bound`."""
     number = at_least(name, value, bound, most=_WHOLE)
     if number != int(number):
@@ -190,11 +190,11 @@ def unknown_text(kind: str, name: object, known: Iterable[str]) -> str:
     """Return the text of `unknown`, for errors of other types."""
     names = sorted(known)
     if not names:
-        return f"unknown {kind} {shown(name)}: there are none"
+        return f"unknown {kind} {short_text(name)}: there are none"
     near = nearest(name, names) if isinstance(name, str) else []
     hint = f"did you mean {near[0]}? " if near else ""
     listed = [*near, *(other for other in names if other not in near)]
-    return f"unknown {kind} {shown(name)}: {hint}known: {', '.join(listed)}"
+    return f"unknown {kind} {short_text(name)}: {hint}known: {', '.join(listed)}"
 
 
 def meant_names(names: Sequence[str]) -> str:

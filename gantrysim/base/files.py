@@ -25,7 +25,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePath
 from typing import BinaryIO
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.signals import deferred
 
 try:
@@ -60,7 +60,7 @@ def replaced_file(file: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = _writable(file)
     note = f"; the earlier {target.name} is kept" if target.exists() else ""
-    with _written(target.parent, f"file {_visible(str(file))}", note, f"{file} is complete") as (scratch, done):
+    with _staging_folder(target.parent, f"file {_visible(str(file))}", note, f"{file} is complete") as (scratch, done):
         yield scratch / target.name
         # else the folder around it does
         if PARTIAL not in str(target.parent):
@@ -86,7 +86,7 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
     """
     names = list(names)
     note = f"; the earlier files in {folder}/ are kept" if any((folder / name).exists() for name in names) else ""
-    with _written(folder, label, note, f"the files in {folder}/ are complete") as (scratch, done):
+    with _staging_folder(folder, label, note, f"the files in {folder}/ are complete") as (scratch, done):
         (scratch / NEW).mkdir()
         yield scratch / NEW
         check_free(folder, names, label)
@@ -209,7 +209,7 @@ def open_regular(file: Path) -> BinaryIO:
 
 
 def _writable(file: str | os.PathLike[str]) -> Path:
-    target = expanded(file).absolute()
+    target = expanded_path(file).absolute()
     if target.is_symlink():
         beside = target.parent.resolve()
         target = Path(os.path.realpath(target))
@@ -227,7 +227,7 @@ def _writable(file: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def _written(folder: Path, label: str, note: str, complete: str) -> Iterator[tuple[Path, list[bool]]]:
+def _staging_folder(folder: Path, label: str, note: str, complete: str) -> Iterator[tuple[Path, list[bool]]]:
     """Give a hidden folder, removed at the end, and report which files remain after an error or an interrupt.
 
     Args:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from functools import cache
 from typing import TextIO, TypeVar
 
-from gantrysim.base.errors import InputError, shown
+from gantrysim.base.errors import InputError, short_text
 
 Progress = Callable[[float], None] | bool | None  # what callers give
 
@@ -45,7 +45,7 @@ def shown_progress(task: str, progress: _Share | bool | None) -> Iterator[_Share
     elif callable(progress):
         yield progress
     else:
-        raise InputError(f"progress = {shown(progress)}: must be True, False or a function of the completed share")
+        raise InputError(f"progress = {short_text(progress)}: must be True, False or a function of the completed share")
 
 
 def _stream() -> TextIO | None:

@@ -6,11 +6,23 @@ Terminal tables, summary.json, pages, columns of studies, data frames and docs/v
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 NOTHING = "–"  # a value that is missing
+MINUS = "−"
+NO_BREAK_SPACE = "\u00a0"
+
+_UNITS = (
+    "µm/s|µm|mm/s³|mm/s²|mm/s|mm²|mm³/s|mm³|mm|ms|µs|s|Hz|kHz|deg/s²|deg/s|deg|%|N·m|rms|kB|MB|kg|g|ppm|ticks?|counts?"
+)
+_NUMBER = r"[+−-]?\d"
+_NO_BREAK = re.compile(
+    rf"(?<=[\d∞]) (?=(?:{_UNITS})(?![\w/]))|(?<=[×±→]) (?={_NUMBER})|(?<=\w) (?== {_NUMBER})|(?<= =) (?={_NUMBER})"
+    r"|(?<=\bline) (?=\d)"
+)
 
 AXIS = "{axis}"  # stands for the name of an axis in a template
 
@@ -119,13 +131,13 @@ class Quantity(Generic[Subject]):
                 value = value[part.key]
         return value
 
-    def scaled(self, value: float | None) -> float | None:
+    def in_unit(self, value: float | None) -> float | None:
         """Return a value in `unit`."""
         return None if value is None else self.factor * value
 
     def number(self, value: float | None) -> str:
         """Return a value without its unit, see `number_text`."""
-        return number_text(self.scaled(value), self.form)
+        return number_text(self.in_unit(value), self.form)
 
     def text(self, value: float | None) -> str:
         """Return a value with its unit; a missing one has none."""
@@ -204,14 +216,31 @@ def numbers_of(quantities: Iterable[Quantity[Any]]) -> Iterator[Quantity[Any]]:
 def number_text(value: float | None, form: str) -> str:
     """Return a number in a format; what rounds to zero is 0, what is missing or not a number a dash.
 
-    An infinite number is shown by its symbol.
+    An infinite number is shown by its symbol. This is the one rule for signs: whatever is read, in a terminal, on a
+    page or in a notebook, has a minus sign; what is pasted or read by a program, and input that an error quotes, a
+    hyphen.
     """
     if value is None or math.isnan(value):
         return NOTHING
     if math.isinf(value):
-        return "∞" if value > 0 else "-∞"
+        return "∞" if value > 0 else f"{MINUS}∞"
     text = format(value, form)
-    return text if float(text) else "0"
+    return with_minus(text) if float(text.replace(",", "")) else "0"
+
+
+def with_minus(text: str) -> str:
+    """Return a number as text with a minus sign in the place of a hyphen."""
+    return f"{MINUS}{text[1:]}" if text.startswith("-") else text
+
+
+def joined(text: str, joint: str = NO_BREAK_SPACE) -> str:
+    """Return a text in which no line ends between a number and its unit, or within an equation such as "x = 3.8".
+
+    Args:
+        text: as it is read.
+        joint: stands for a space at which no line may end.
+    """
+    return _NO_BREAK.sub(joint, text)
 
 
 def ascii_unit(unit: str) -> str:

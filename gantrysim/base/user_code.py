@@ -10,7 +10,7 @@ from threading import RLock
 from types import ModuleType
 from typing import Any
 
-from gantrysim.base.errors import InputError, expanded, text_of
+from gantrysim.base.errors import InputError, expanded_path, text_of
 from gantrysim.base.input_files import opened_file
 
 _lock = RLock()  # an import may itself resolve names
@@ -31,7 +31,7 @@ def absolute_code(name: Any, folder: Path) -> Any:
     if not is_code(name):
         return name
     place, _, attribute = name.rpartition(":")
-    return f"{(folder / expanded(place)).absolute()}:{attribute}" if place.endswith(".py") else name
+    return f"{(folder / expanded_path(place)).absolute()}:{attribute}" if place.endswith(".py") else name
 
 
 def named_object(kind: str, name: str) -> tuple[Any, str]:

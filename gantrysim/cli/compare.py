@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from gantrysim.base.errors import InputError, expanded, finite_of
+from gantrysim.base.errors import InputError, expanded_path, finite_of
 from gantrysim.cli.terminal import say, show, warn
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def compare_folders(folders: Sequence[Path], out: Path, *, is_whole: bool) -> No
     from gantrysim.report.saved import SavedRun
 
     check_number(len(folders))
-    places = [expanded(folder).resolve() for folder in folders]
+    places = [expanded_path(folder).resolve() for folder in folders]
     for number, place in enumerate(places):
         if place in places[:number]:
             raise InputError(f"run {folders[number]}: is given twice; name the folder of another run")
@@ -198,7 +198,7 @@ def compare(
     """
     folder = out if out is not None else runs[0] / "compare"
     # the run's folder may come from elsewhere
-    if out is None and expanded(folder).is_symlink():
+    if out is None and expanded_path(folder).is_symlink():
         raise InputError(f"run {runs[0]}: {folder.name} in it is a link: name the output folder with --out")
     if measured is not None:
         if len(runs) > 1:
@@ -278,7 +278,7 @@ def _trace(measured: Path, options: Log, run: Run) -> Trace:
     from gantrysim.record.run_file import RUN
     from gantrysim.tables.reading import read_table
 
-    file = expanded(measured)
+    file = expanded_path(measured)
     record = file / RUN if file.is_dir() else file
     if record.suffix == ".npz":
         for option, value in (

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from gantrysim.base import memory
-from gantrysim.base.errors import expanded, text_of
+from gantrysim.base.errors import expanded_path, text_of
 from gantrysim.base.extras import MissingPackageError
 from gantrysim.cli.screen import show_cause, show_change, show_choice, show_verdict
 from gantrysim.cli.show import ASPECTS, show_aspect
@@ -149,7 +149,8 @@ class Evaluation:
             with suppress(Exception), share_bar("figures", self._go_on) as advance:
                 self._figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)
             with self._optional("plot"), share_bar("plots", self._go_on) as advance:
-                save_plots(results.budget, folder / PLOTS, results.bead, progress=advance, only_missing=True)
+                check = results.verdict.placed_check
+                save_plots(results.budget, folder / PLOTS, results.bead, advance, only_missing=True, check=check)
         self._write_card(folder)
         if self.wanted.video:
             self._film(folder)
@@ -216,7 +217,7 @@ class Evaluation:
         write_summary(scratch, self.results, self._changes)
         if not self.failed:
             self._write_card(scratch)
-            self._write_page(scratch, expanded(folder) / VIDEO)
+            self._write_page(scratch, expanded_path(folder) / VIDEO)
 
     def _film(self, folder: Path) -> None:
         from gantrysim.render import NoOpenGLError, save_video

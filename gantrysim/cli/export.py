@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gantrysim.base.errors import expanded
+from gantrysim.base.errors import expanded_path
 from gantrysim.cli.terminal import say
 
 
@@ -29,7 +29,7 @@ def export(
     record = load_record(run)
     file = out
     if file is None:
-        beside = run / RUN if expanded(run).is_dir() else run
+        beside = run / RUN if expanded_path(run).is_dir() else run
         file = beside.with_suffix(f".{kind}" if kind in WRITERS else ".csv")
     write(record, file, kind)
     say(f"written to {file}")

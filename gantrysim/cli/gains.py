@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.cli.options import AllowCode, Model, ServoFile, Settings
 from gantrysim.cli.terminal import say, show, warn
 
@@ -57,7 +57,7 @@ def gains(
     Exit status: 0, 2 for bad input or a gain for which the controller has no parameter.
     """
     from gantrysim.base.files import replaced_file
-    from gantrysim.exchange.gains import DIALECTS, dialect, exported
+    from gantrysim.exchange.gains import DIALECTS, dialect, export_gains
     from gantrysim.exchange.shaper import klipper
     from gantrysim.job.job import Job
 
@@ -76,7 +76,7 @@ def gains(
     elif export == _SHAPER:
         content, notes = klipper(axes)
     else:
-        content, notes = exported(str(export), axes, loaded.built_servo)
+        content, notes = export_gains(str(export), axes, loaded.built_servo)
     if out is None:
         say(content, end="")
     else:
@@ -100,13 +100,13 @@ def _read(job: Job, name: str, file: Path) -> tuple[str, list[str]]:
     label = f"--from {name} {file}"
     if name == _SHAPER:
         try:
-            config = PrinterConfig.load(expanded(file))
+            config = PrinterConfig.load(expanded_path(file))
             return config.tables([axis.name for axis in job.built_machine.axes], job.built_servo.modes)
         except InputError as error:
             raise InputError(f"--from {name}: {error}") from None
     chosen = dialect(name)
     try:
-        text = chosen.file_text(expanded(file))
+        text = chosen.file_text(expanded_path(file))
         limits = chosen.limits(text)
     except InputError as error:
         raise InputError(f"--from {name}: {error}") from None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.cli.options import (
     AllowCode,
     At,
@@ -125,7 +125,7 @@ def improve(
             loaded, levers=lever, workers=workers, fastest=fastest, by_place=by_place, progress=progress
         )
     is_whole = not improvement.verdict.fault
-    written = list(_written(improvement, file, out)) if is_whole else []  # before anything is told
+    written = list(_write_outputs(improvement, file, out)) if is_whole else []  # before anything is told
     _show(improvement)
     if not is_whole:
         raise typer.Exit(FAULT)
@@ -133,7 +133,7 @@ def improve(
         say(line)
 
 
-def _written(improvement: Improvement, file: Path | None, out: Path | None) -> Iterator[str]:
+def _write_outputs(improvement: Improvement, file: Path | None, out: Path | None) -> Iterator[str]:
     """Write the improved job and the page where they are wanted; yield what is said of each."""
     from gantrysim.base.files import replaced_file
 
@@ -161,7 +161,7 @@ def _written_by_place(improvement: Improvement, file: Path | None, out: Path | N
     if not isinstance(by_place, SpeedByPlace):
         return
     stems = [file.with_name(f"{file.stem}-{BY_PLACE}")] if file is not None else []
-    stems += [expanded(out) / BY_PLACE] if out is not None else []
+    stems += [expanded_path(out) / BY_PLACE] if out is not None else []
     for stem in stems:
         job, *program = write_by_place(by_place, stem, improvement.base)
         yield f"written to {job}: gantrysim run {job}"
@@ -176,7 +176,7 @@ def _file_of_job(file: Path) -> Path:
 
     from gantrysim.base.toml_files import read_text
 
-    path = expanded(file)
+    path = expanded_path(file)
     if path.suffix != _JOB_SUFFIX:
         raise InputError(f"--apply {file}: must end in {_JOB_SUFFIX}, as a job file does")
     if not path.exists():

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from rich.markup import escape
 from rich.table import Table
 
-from gantrysim.base.errors import InputError, meant_names, nearest, shown
+from gantrysim.base.errors import InputError, meant_names, nearest, short_text
 from gantrysim.cli.machine import describe
 from gantrysim.cli.terminal import say, show
 from gantrysim.glue.bead import BeadSettings
@@ -284,6 +284,6 @@ def _unknown_name(name: str, tables: dict[str, list[Key]]) -> InputError:
     keys = [key.name for table in tables.values() for key in table]
     question = meant_names(nearest(name, {*builtin_models(), *builtin_jobs(), *PROGRAMS, *KINDS, *keys}))
     return InputError(
-        f"unknown name {shown(name)}: {f'{question} ' if question else ''}"
+        f"unknown name {short_text(name)}: {f'{question} ' if question else ''}"
         "gantrysim info lists machines and jobs, gantrysim info keys all keys"
     )

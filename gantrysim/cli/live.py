@@ -28,6 +28,8 @@ def live(
     The job is simulated anew at every change, first by the compiled loop, then by MuJoCo. A file is followed on disk:
     what an editor saves is shown at once. Nothing is written before "save" or "report" is pressed.
 
+    Code of its own that another job names, a law or a controller, runs only after a yes on this terminal.
+
     The page needs the address that is printed, with its token; nobody without it can connect.
 
     Exit status: 0 when the server is ended, by Ctrl-C; 2 for bad input.

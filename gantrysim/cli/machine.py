@@ -37,18 +37,18 @@ def new(
     Jobs also accept the table itself, as in `machine = "belt.toml"` or --machine belt.toml, and a URDF with its table
     beside it.
     """
-    from gantrysim.base.errors import InputError, expanded
+    from gantrysim.base.errors import InputError, expanded_path
     from gantrysim.base.files import replaced_file
     from gantrysim.machine.design.build import mjcf_in
     from gantrysim.machine.machine import Machine
 
-    source = expanded(file)
+    source = expanded_path(file)
     if source.suffix.lower() not in (".toml", ".urdf"):
         raise InputError(f"machine {file}: must be a TOML file, or a URDF with one beside it")
     text = mjcf_in(source)
     # refused here rather than written
     machine = Machine(source)
-    target = source.with_suffix(".xml") if out is None else expanded(out)
+    target = source.with_suffix(".xml") if out is None else expanded_path(out)
     if out is not None and target.suffix.lower() != ".xml":
         target.mkdir(parents=True, exist_ok=True)
         target = target / f"{source.stem}.xml"

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from typer.core import TyperGroup
 
 from gantrysim.base import signals
-from gantrysim.base.errors import GantryError, InputError, shortened_message, shown
+from gantrysim.base.errors import GantryError, InputError, short_text, shortened_message
 from gantrysim.base.toml_files import one_line
 from gantrysim.cli.check import check
 from gantrysim.cli.compare import compare
@@ -130,7 +130,7 @@ def info(
     """
     if name is not None:
         if model is not None or job is not None:
-            raise InputError(f"{shown(name)}: give either NAME or --model")
+            raise InputError(f"{short_text(name)}: give either NAME or --model")
         from gantrysim.cli.info import show_name
 
         show_name(name)

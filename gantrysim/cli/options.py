@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gantrysim.base.errors import InputError, expanded, finite_of, place, point
+from gantrysim.base.errors import InputError, expanded_path, finite_of, plane_point, space_point
 from gantrysim.base.files import complete, pending
 
 Model = Annotated[
@@ -96,7 +96,7 @@ def named_columns(columns: Sequence[str]) -> dict[str, str]:
 
 def to_write(context: typer.Context, folder: Path | None) -> Path | None:
     """Return an output folder after completing what a killed command left in it: the job file may lie there."""
-    if folder is not None and pending(target := expanded(folder).absolute()):
+    if folder is not None and pending(target := expanded_path(folder).absolute()):
         from gantrysim.report.folder import RUN_OUTPUT, STUDY_FILES
 
         complete(target, f"--out {folder}", RUN_OUTPUT.files if context.info_name == "run" else STUDY_FILES)
@@ -119,9 +119,9 @@ def placement(
         if len(parts) not in (2, 3):
             raise InputError(f"--at {origin}: must be X,Y or X,Y,Z [mm]")
         if len(parts) == len("xyz"):
-            given["x"], given["y"], given["z"] = place("--at", parts)
+            given["x"], given["y"], given["z"] = space_point("--at", parts)
         else:
-            given["x"], given["y"] = point("--at", parts)
+            given["x"], given["y"] = plane_point("--at", parts)
     others = (("rotate", rotate), ("scale", scale), ("z_down", z_down))
     given |= {name: value for name, value in others if value is not None}
     return given

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gantrysim.base.errors import InputError, expanded, positive
+from gantrysim.base.errors import InputError, expanded_path, positive
 from gantrysim.cli.options import Colour, FilmCamera
 from gantrysim.cli.terminal import interruptible, say, share_bar, warn
 
@@ -87,7 +87,7 @@ def render(
             if run.changed:
                 warn(f"note: machine {run.machine.name} has changed since {run.folder} was run")
         names = label or labels_of(runs)
-        replaced = [run for run in runs if expanded(run.folder).absolute() == target.absolute().parent]
+        replaced = [run for run in runs if expanded_path(run.folder).absolute() == target.absolute().parent]
 
         def check() -> None:
             go_on()
@@ -128,8 +128,8 @@ def _target(folders: list[Path], out: Path | None, suffix: str) -> Path:
     from gantrysim.report.folder import RENDER
 
     if out is not None:
-        return expanded(out)
-    first = expanded(folders[0])
+        return expanded_path(out)
+    first = expanded_path(folders[0])
     if len(folders) == 1:
         return first / f"{RENDER}{suffix}"
     return (first if first.name and first.name != ".." else first.resolve()).parent / f"{_COMPARISON}{suffix}"

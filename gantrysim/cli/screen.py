@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from gantrysim.cli.terminal import columns, joined, say, show
+from gantrysim.cli.terminal import columns, say, show, unbreakable_text
 from gantrysim.job.loaded import CHOSEN
 from gantrysim.report.answer import Answer
 from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN
@@ -38,7 +38,7 @@ def show_verdict(answer: Answer) -> None:
     for row in answer.rows:
         where = f": {row.place}" if row.place and row.state != PASS else ""
         state = Text(f"{row.symbol} {row.state}", _STYLES[row.state])
-        table.add_row(state, row.name, Text(joined(f"{row.text}{where}")))
+        table.add_row(state, row.name, Text(unbreakable_text(f"{row.text}{where}")))
     show(table)
 
 
@@ -98,5 +98,5 @@ def _show_rows(rows: Sequence[tuple[str, str]]) -> None:
     table.add_column(no_wrap=True, style="bold", width=7)
     table.add_column(overflow="fold")
     for name, text in rows:
-        table.add_row(name, Text(joined(text)))
+        table.add_row(name, Text(unbreakable_text(text)))
     show(table)

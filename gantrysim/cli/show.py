@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.errors import InputError, expanded_path, unknown
 from gantrysim.cli.terminal import fits, is_prose_column, say, show, text_table
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def show_run(
         if name not in ASPECTS:
             raise unknown("aspect of a run", name, (*ASPECTS, "all"))
     saved = SavedRun.load(run)
-    file = expanded(run) / SUMMARY
+    file = expanded_path(run) / SUMMARY
     if not file.is_file():
         raise InputError(f"run {run}: {SUMMARY} is missing: run {run / 'job.toml'} again")
     summary = json.loads(file.read_text(encoding="utf-8"))
@@ -63,7 +63,7 @@ def show_run(
         show_choice(summary["notes"], str(run))
         if summary["changes"] is not None:
             show_change(summary["changes"], str(run))
-        if (expanded(run) / REPORT).is_file():
+        if (expanded_path(run) / REPORT).is_file():
             say(str(run / REPORT))
         return
     for name in names:

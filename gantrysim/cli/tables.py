@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.base.quantity import Quantity, number_text
-from gantrysim.cli.terminal import joined
+from gantrysim.cli.terminal import unbreakable_text
 from gantrysim.glue.bead import BeadValues
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.plan import Plan
@@ -71,7 +71,7 @@ def verdict_table(verdict: Verdict) -> Table:
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for head, name, text in verdict.cells:
-        table.add_row(head, name, escape(joined(text)))
+        table.add_row(head, name, escape(unbreakable_text(text)))
     return table
 
 
@@ -103,6 +103,10 @@ def outcome_table(
     return table
 
 
+def _span(low: float, high: float, form: str) -> str:
+    return f"{number_text(low, form)} to {number_text(high, form)}"
+
+
 def plan_table(name: str, plan: Plan) -> Table:
     """Return what a job commands: lengths, time and extents."""
     table = Table.grid(padding=(0, 2))
@@ -119,15 +123,16 @@ def plan_table(name: str, plan: Plan) -> Table:
         f"{plan.ticks * plan.period:z.3f} s of machine time; about {plan.memory / _MB:z.0f} MB of memory{files}",
     )
     for k, axis in enumerate("xyz"):
-        table.add_row(f"tip {axis}", f"{plan.box[0, k]:z.3f} to {plan.box[1, k]:z.3f} mm", "")
+        least, largest = plan.box[:, k]
+        table.add_row(f"tip {axis}", f"{_span(least, largest, '.3f')} mm", "")
     for axis, extent in plan.travel.items():
         low, high = extent.bounds
         unit = plan.units[axis]
         fastest = plan.speeds[axis]
         table.add_row(
             f"axis {axis}",
-            f"{extent.least:z.3f} to {extent.largest:z.3f} {unit}",
-            f"of {low:g} to {high:g}; at most {fastest.largest:.4g} of {fastest.bounds[1]:.4g} {unit}/s",
+            f"{_span(extent.least, extent.largest, '.3f')} {unit}",
+            f"of {_span(low, high, 'g')}; at most {fastest.largest:.4g} of {fastest.bounds[1]:.4g} {unit}/s",
         )
     return table
 

@@ -29,7 +29,7 @@ from rich.progress import (
 from rich.table import Column as RichColumn
 from rich.table import Table
 
-from gantrysim.base import signals
+from gantrysim.base import quantity, signals
 from gantrysim.base.progress import when_compiling
 
 if TYPE_CHECKING:
@@ -46,7 +46,21 @@ _PATIENCE = 0.1  # until a lost interrupt is raised again [s]
 
 # what is printed where the terminal's encoding lacks a character
 _PLAIN = str.maketrans(
-    {"µ": "u", "·": "*", "×": "x", "²": "2", "³": "3", "°": "deg", "→": "->", "–": "-", "…": "...", "✓": "+", "✗": "x"}
+    {
+        "µ": "u",
+        "·": "*",
+        "×": "x",
+        "²": "2",
+        "³": "3",
+        "°": "deg",
+        "→": "->",
+        "–": "-",
+        "…": "...",
+        "−": "-",
+        "∞": "inf",
+        "✓": "+",
+        "✗": "x",
+    }
 )
 
 # characters of a file that would command the terminal; rich drops the other ones
@@ -57,8 +71,6 @@ _LONGEST_CELL = 16  # characters of a cell of a table that does not wrap
 _WIDEST_HEAD = 10  # characters of a line of a head, but for longer words
 # stands for a space at which no line ends: a letter of the user's own, as rich breaks lines at no-break spaces too
 _JOINT = "\ue000"
-_UNITS = "µm|mm/s²|mm/s|mm²|mm³|mm|ms|µs|s|Hz|kHz|deg|%|N·m|rms|kB|MB"
-_NO_BREAK = re.compile(rf"(?<=[\d∞]) (?=(?:{_UNITS})(?![\w/]))|(?<=[×±]) (?=\d)|(?<=\w) (?== -?\d)|(?<= =) (?=-?\d)")
 # spaces at the end of a line, before the codes that end its colours
 _TRAILING = re.compile(r" +((?:\x1b\[[0-9;]*m)*)$", re.MULTILINE)
 # without emoji, as mine.py:Ring: in a message is no picture of a ring
@@ -97,7 +109,7 @@ def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Seq
         lines = [line for part in parts for line in wrapped_lines(part, _WIDEST_HEAD, break_long_words=False)]
         table.add_column(escape("\n".join(lines)), justify=justify, no_wrap=not is_prose)
     for row in rows:
-        table.add_row(*(escape(joined(cell)) for cell in row))
+        table.add_row(*(escape(unbreakable_text(cell)) for cell in row))
     return table
 
 
@@ -171,12 +183,18 @@ def _longest(column: RichColumn, wrapped: bool) -> int:
 def say(text: str, *, wrap: bool = False, end: str = "\n") -> None:
     """Print a text without markup, wrapped at the terminal's width where it is prose that no program reads."""
     plain = text.translate(_CONTROLS)
-    _write(escape(joined(plain)) if wrap else escape(plain), _output, soft_wrap=not wrap, highlight=False, end=end)
+    _write(
+        escape(unbreakable_text(plain)) if wrap else escape(plain),
+        _output,
+        soft_wrap=not wrap,
+        highlight=False,
+        end=end,
+    )
 
 
-def joined(text: str) -> str:
+def unbreakable_text(text: str) -> str:
     """Return a text whose numbers stay on a line with their units and names when it is wrapped."""
-    return _NO_BREAK.sub(_JOINT, text)
+    return quantity.joined(text, _JOINT)
 
 
 def _write(content: RenderableType, console: Console, **options: Any) -> None:

@@ -105,7 +105,7 @@ def tune(
 
     Exit status: 0, 2 for bad input, 3 where every run ends in a fault, 130 after Ctrl-C.
     """
-    from gantrysim.exchange.gains import dialect, exported
+    from gantrysim.exchange.gains import dialect, export_gains
     from gantrysim.job.job import Job
     from gantrysim.machine.tolerances import Tolerances
     from gantrysim.study.tuning.space import SEARCHED
@@ -115,7 +115,7 @@ def tune(
     held: tuple[str, ...] = ()
     # refused before the search, not after
     if export is not None:
-        exported(export, loaded.built_machine.axes, loaded.built_servo)
+        export_gains(export, loaded.built_machine.axes, loaded.built_servo)
         held = tuple(gain for gain in SEARCHED if gain not in dialect(export).carries)
     study = TuningStudy(
         loaded,
@@ -148,7 +148,7 @@ def write_words(folder: Path, name: str | None) -> list[str]:
         Where they are written, then notes; nothing where no controller is named.
     """
     from gantrysim.base.files import replaced_file
-    from gantrysim.exchange.gains import DIALECTS, exported
+    from gantrysim.exchange.gains import DIALECTS, export_gains
     from gantrysim.job.job import Job
     from gantrysim.report.folder import JOB
     from gantrysim.study.tuning.servo import TUNED
@@ -161,7 +161,7 @@ def write_words(folder: Path, name: str | None) -> list[str]:
         return []
     # its code has run in the search
     tuned = Job.load(folder / JOB, servo=folder / TUNED, allow_code=True)
-    content, lost = exported(name, tuned.built_machine.axes, tuned.built_servo)
+    content, lost = export_gains(name, tuned.built_machine.axes, tuned.built_servo)
     with replaced_file(files[name]) as partial:
         partial.write_text(content, encoding="utf-8")
     return [f"written to {files[name]}", f"assumed of {name}: {DIALECTS[name].assumes}", *lost]

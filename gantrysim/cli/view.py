@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gantrysim.base.errors import InputError, expanded, positive
+from gantrysim.base.errors import InputError, expanded_path, positive
 from gantrysim.base.signals import deferred
 from gantrysim.cli.options import AllowCode, Camera, Colour, Model, Settings
 from gantrysim.cli.terminal import FAULT, warn
@@ -55,7 +55,7 @@ def view(
     from gantrysim.render.view.window import check_display
 
     positive("speed", speed)
-    folder = expanded(shown)
+    folder = expanded_path(shown)
     saved = _is_saved(shown, folder)
     if saved and (model is not None or settings):
         raise InputError(f"run {shown}: a saved run cannot be changed; --model and --set apply to live jobs only")

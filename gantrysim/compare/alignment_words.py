@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from gantrysim.base.quantity import number_text
 from gantrysim.compare.alignment import CLOCK, Alignment
 from gantrysim.compare.compare_quantities import DIFFERENCE, ROTATION, SHIFT
 from gantrysim.compare.equal_times import ROTATION as TURN
@@ -80,7 +81,8 @@ def _words(name: str, estimate: Estimate, run: Run) -> str:
     unit = THOUSANDTH["mm" if frame == "nozzle" else run.units[run.axes.index(axis)]]
     if not math.isfinite(estimate.interval):
         return f"{frame} offset {axis}, which the path does not show"
-    return f"{frame} offset {axis} {1e3 * estimate.value:+z.1f} {_plus_minus(estimate.interval, unit, 1e3)}"
+    offset = number_text(1e3 * estimate.value, "+.1f")
+    return f"{frame} offset {axis} {offset} {_plus_minus(estimate.interval, unit, 1e3)}"
 
 
 def estimate_rows(alignment: Alignment, run: Run) -> Iterator[list[Any]]:

@@ -15,7 +15,7 @@ from scipy.signal import find_peaks, welch
 
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError
-from gantrysim.base.quantity import contents
+from gantrysim.base.quantity import contents, number_text
 from gantrysim.compare.alignment import DEFAULT, Alignment
 from gantrysim.compare.alignment_words import alignment_content
 from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK
@@ -158,7 +158,7 @@ def coverage(simulated: Run, run: Run, alignment: Alignment) -> list[str]:
             "dispenser is on"
         )
     if alignment.others:
-        shifts = ", ".join(f"{shift - alignment.shift:+.4g}" for shift in alignment.others)
+        shifts = ", ".join(number_text(shift - alignment.shift, "+.4g") for shift in alignment.others)
         notes.append(
             f"the trace fits other parts of the run as well, with a time shift larger by {shifts} s: which part it "
             "covers is not identified"
@@ -238,7 +238,13 @@ class Comparison:
 
     @classmethod
     def of(
-        cls, trace: Trace, run: Run, machine: Machine, what: tuple[str, ...] = DEFAULT, frictionless: Run | None = None
+        cls,
+        trace: Trace,
+        run: Run,
+        machine: Machine,
+        what: tuple[str, ...] = DEFAULT,
+        frictionless: Run | None = None,
+        alignment: Alignment | None = None,
     ) -> Comparison:
         """Align a trace with a run, and compare them.
 
@@ -248,6 +254,7 @@ class Comparison:
             machine: of the run.
             what: as in `aligned_trace`.
             frictionless: the same command on the machine without friction, see `frictionless_run`.
+            alignment: with a run of the same command, in place of one that is sought.
 
         Raises:
             InputError: a run that ended in a fault, a trace that covers none of the bead, one whose axes are swapped,
@@ -261,7 +268,8 @@ class Comparison:
                 f"the trace has the command of some axes alone, not of {', '.join(unmeasured)}: must have that of "
                 "every axis in motion, the encoders or the nozzle"
             )
-        alignment = aligned_as_named(trace, run, what)
+        if alignment is None:
+            alignment = aligned_as_named(trace, run, what)
         measured, simulated = beside(trace, alignment, run, machine)
         wrong = None if frictionless is None else simulated_record(trace, alignment, frictionless, machine)
         notes = [*trace.notes, *alignment.notes, *scale_and_clock(trace, run, alignment)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, expanded, positive, unknown
+from gantrysim.base.errors import InputError, expanded_path, positive, unknown
 from gantrysim.base.toml_files import read_toml
 from gantrysim.record.run import Run
 from gantrysim.tables.column_table import SAMPLES, ColumnTable, Source
@@ -41,7 +41,7 @@ class Assignment:
             InputError: no such file, or a text that is none.
         """
         if "=" not in text:
-            content = read_toml(expanded(text), f"--columns {text}")
+            content = read_toml(expanded_path(text), f"--columns {text}")
             table = content.pop("columns", None)
             if not isinstance(table, dict) or not content.keys() <= {"period", "blocks"}:
                 raise InputError(f"--columns {text}: must have a table [columns], and may have period and blocks")

@@ -28,7 +28,7 @@ from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES, PART_SIZES
 from gantrysim.report.document import Column, Section, Table, lead_of
 from gantrysim.report.drawn_page import write_page
-from gantrysim.report.plots.style import COLOURS, UM, axes_on, sheet, thinned_line
+from gantrysim.report.plots.style import COLOURS, UM, axes_on, draw_limit, sheet, thinned_line
 from gantrysim.report.sections import drawn_plot
 from gantrysim.report.summary import versions
 from gantrysim.results.colours import INK, RUNS
@@ -46,7 +46,10 @@ _LEAST_SPAN = 0.01  # of an axis of errors, so that rounding looks like none [µ
 
 
 def draw_overlay(figure: Figure | SubFigure, comparison: Comparison) -> tuple[Axes, ...]:
-    """Draw each link's lateral error along the path, measured and simulated, and their difference; return the axes."""
+    """Draw each link's lateral error along the path, measured and simulated, and their difference; return the axes.
+
+    The contour error is drawn with the largest one that the run's tolerance admits.
+    """
     names = [*comparison.parts, "contour"]
     panels = figure.subplots(len(names) + 1, sharex=True, squeeze=False)[:, 0]
     for panel, name in zip(panels[:-1], names, strict=True):
@@ -69,6 +72,9 @@ def draw_overlay(figure: Figure | SubFigure, comparison: Comparison) -> tuple[Ax
         panel.margins(x=0.01)
         low, high = panel.get_ylim()
         panel.set_ylim(min(low, -_LEAST_SPAN / 2), max(high, _LEAST_SPAN / 2))
+    run = comparison.simulated.analysis.run
+    if run.basis is not None:
+        draw_limit(panels[-2], UM * run.basis.limits(run.face).path_max)
     figure.supylabel("lateral error, positive to the left [µm]", fontsize="medium")
     return tuple(panels)
 
@@ -336,7 +342,7 @@ def _budgets(comparison: Comparison) -> Table:
             cells += [size.get(part) for size in PART_SIZES]
         difference = comparison.unexplained[name]
         span = comparison.parts.get(name, "requested path to the last link measured")
-        rows.append([name, span, *map(DIFFERENCE.scaled, (*cells, difference.rms, difference.max))])
+        rows.append([name, span, *map(DIFFERENCE.in_unit, (*cells, difference.rms, difference.max))])
     return Table(heads, rows, "Error normal to the requested path, measured, simulated, and their difference", COLOURS)
 
 
@@ -362,5 +368,5 @@ def over_time_table(comparison: Comparison) -> Table:
 
 
 def _peaks(comparison: Comparison) -> Table:
-    rows = [[quantity.scaled(quantity.get(peak)) for quantity in PEAK] for peak in comparison.peaks]
+    rows = [[quantity.in_unit(quantity.get(peak)) for quantity in PEAK] for peak in comparison.peaks]
     return Table(list(map(Column.of, PEAK)), rows, "Peaks of the spectrum")

@@ -36,6 +36,7 @@ class Controller(ABC):
         suffixes: suffixes of the program files that the controller reads by default.
         text_argument: name of the argument that takes the content of a program file.
         ramp_arguments: dotted names of the arguments that limit acceleration and jerk; all may be scaled by one factor.
+        assumed_acceleration: of a program file whose job states none; 0 where the controller has a default [mm/s²].
         loop_words: regular expression of the words that begin a loop in the program's text, in a language that runs its
             lines while the axes move; empty for any other.
         corner_argument: dotted name of the argument that rounds corners, more strongly the larger it is; None for a
@@ -49,6 +50,7 @@ class Controller(ABC):
     text_argument: ClassVar[str] = "text"
     loop_words: ClassVar[str] = ""
     ramp_arguments: ClassVar[tuple[str, ...]] = ()
+    assumed_acceleration: ClassVar[float] = 0.0
     corner_argument: ClassVar[str | None] = None
     flow_output: str = ""
 

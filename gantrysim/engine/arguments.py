@@ -7,7 +7,7 @@ from numbers import Real
 from types import NoneType
 from typing import Any
 
-from gantrysim.base.errors import InputError, shown, wrong_type
+from gantrysim.base.errors import InputError, short_text, wrong_type
 from gantrysim.controllers.controller import Controller
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.dispenser.dispenser import Dispenser
@@ -71,7 +71,7 @@ def _advice(name: str, value: Any) -> str:
     """Return what to write for a value of a wrong type; nothing where that is not known."""
     text = isinstance(value, str | os.PathLike)
     if name == "machine" and text:
-        return f"write gantrysim.Machine({shown(os.fspath(value))})"
+        return f"write gantrysim.Machine({short_text(os.fspath(value))})"
     if name == "servo":
         return "write gantrysim.Servo.derive(machine.axes)"
     if name == "setpoints":
@@ -85,7 +85,7 @@ def _advice(name: str, value: Any) -> str:
 
 def _advice_on_setpoints(value: Any, text: bool) -> str:
     if text:
-        return f"a job or program file is run by gantrysim.Job.load({shown(os.fspath(value))}).run()"
+        return f"a job or program file is run by gantrysim.Job.load({short_text(os.fspath(value))}).run()"
     if isinstance(value, type) and issubclass(value, Controller):
         return f"write {value.__name__}(...) with its arguments"
     if isinstance(value, Path):

@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, seen
-from gantrysim.base.errors import InputError, shown
+from gantrysim.base.arrays import Floats, read_only_view
+from gantrysim.base.errors import InputError, short_text
 from gantrysim.engine.native.plant import MAX_DOFS, PLANT, RESISTIVE, SOURCE, STATE, WOUND, move
 from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
@@ -248,7 +248,7 @@ Engine = Literal["mujoco", "loop"]
 def check_engine(engine: str) -> None:
     """Raise InputError for an engine that does not exist."""
     if not isinstance(engine, str) or engine not in get_args(Engine):
-        raise InputError(f"engine {shown(engine)}: must be {' or '.join(get_args(Engine))}")
+        raise InputError(f"engine {short_text(engine)}: must be {' or '.join(get_args(Engine))}")
 
 
 _WORTH_SAYING = 1e-4  # [mm]
@@ -266,7 +266,7 @@ def difference_note(shown: Run, searched: Run) -> str:
     ticks = len(shown.time)
     if len(searched.time) != ticks:
         return f"MuJoCo's run, which is shown, has {ticks} servo ticks, the compiled loop's {len(searched.time)}."
-    largest = max(float(np.abs(seen(shown.nozzle) - seen(searched.nozzle)).max()), 0.0)
+    largest = max(float(np.abs(read_only_view(shown.nozzle) - read_only_view(searched.nozzle)).max()), 0.0)
     if largest <= _WORTH_SAYING:
         return ""
     return f"MuJoCo's run, which is shown, is up to {1e3 * largest:.1f} µm from the compiled loop's, which searched."

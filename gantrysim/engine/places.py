@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base import signals
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import GantryError, whole
+from gantrysim.base.errors import GantryError, whole_number
 from gantrysim.engine.advance import MOST_STEPS, Numbers, advance, step_or_take_back
 from gantrysim.engine.linear import Engine, Linear, linear_machine
 from gantrysim.engine.native.hook import Interrupted, installed_tick
@@ -230,8 +230,8 @@ class MuJoCoPlaces(Places):
     most_steps = MOST_STEPS
 
     def __init__(self, machine: Machine, places: int, threads: int | None = None) -> None:
-        whole("places", places, 1)
-        threads = 0 if threads is None else whole("threads", threads, 1)
+        whole_number("places", places, 1)
+        threads = 0 if threads is None else whole_number("threads", threads, 1)
         self._batch = mujoco.batch.Batch(machine.physics, places, nthread=threads)
         super().__init__(machine, self._batch.bind("userdata"))
         self._all_qpos = self._batch.bind("qpos")
@@ -289,8 +289,8 @@ class LoopPlaces(Places):
     most_steps = 10 * MOST_STEPS
 
     def __init__(self, machine: Machine, places: int, threads: int | None = None) -> None:
-        whole("places", places, 1)
-        self._threads = (os.cpu_count() or 1) if threads is None else whole("threads", threads, 1)
+        whole_number("places", places, 1)
+        self._threads = (os.cpu_count() or 1) if threads is None else whole_number("threads", threads, 1)
         self._state = np.zeros(places, np.dtype([("physics", STATE), ("row", np.float64, (ROW_NUMBERS,))]))
         self._numbers = self._state.view(np.float64).reshape(places, -1)
         self._dofs = int(machine.layout.nv)

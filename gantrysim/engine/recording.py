@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base import memory
-from gantrysim.base.arrays import Floats, read_only, seen
+from gantrysim.base.arrays import Floats, read_only, read_only_view
 from gantrysim.base.columns import FileTable, array_of, blocks
 from gantrysim.base.jit import jit
 from gantrysim.base.memory import check_ticks
@@ -168,7 +168,7 @@ def sent_columns(
         commanded = position[sent[ahead]] if waited else position[: sent.size][ahead]
         tip = machine.tip(commanded)
         count = block.stop - block.start
-        _fill_speeds(speed[block], seen(tip), period)
+        _fill_speeds(speed[block], read_only_view(tip), period)
         columns = {
             "time": np.arange(block.start, block.stop, dtype=np.float64) * period,
             "commanded": commanded[:count],
@@ -247,7 +247,7 @@ def dispenser_loads(run: Run, dispenser: Dispenser) -> tuple[Load, ...]:
 def _commands(run: Run) -> tuple[NDArray[np.bool_], Floats, float, Material]:
     """Return what a dispenser follows in a run."""
     speed = np.empty(len(run.time))
-    _fill_speeds(speed, seen(run.commanded_tip), run.period)
+    _fill_speeds(speed, read_only_view(run.commanded_tip), run.period)
     return run.dispense, speed, run.period, Material(run.extrusion, run.extruder, run.analogue)
 
 
@@ -393,10 +393,10 @@ class LogBook:
                 unchanging["period"] *= every
             return Run(**unchanging, **protected_columns(content), fault=fault, injected=self._faults)
         self._write(ticks)
-        sent = table.stored(ticks)["setpoint"].array() if setpoints.gates.size else np.arange(ticks)
+        sent = table.first_rows(ticks)["setpoint"].array() if setpoints.gates.size else np.arange(ticks)
         sent_columns(program, sent, content, table)
-        self._displace(cast(dict[str, Any], table.stored(ticks)), table)
-        stored = table.stored(ticks)
+        self._displace(cast(dict[str, Any], table.first_rows(ticks)), table)
+        stored = table.first_rows(ticks)
         for name in ("setpoint", IDEAL):
             stored.pop(name, None)
         return Run(**unchanging, **cast(dict[str, Any], stored), fault=fault, injected=self._faults)

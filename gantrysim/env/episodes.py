@@ -11,7 +11,7 @@ import numpy as np
 
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
+from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole_number
 from gantrysim.engine.linear import Engine
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulation import Simulation
@@ -218,7 +218,7 @@ class Source:
                 if name not in SPIRAL:
                     raise unknown("value of the spiral", name, SPIRAL)
             spiral = {**spiral, **{name: positive(name, value) for name, value in chosen.spiral.items()}}
-            spiral["turns"] = whole("turns", spiral["turns"], 1)
+            spiral["turns"] = whole_number("turns", spiral["turns"], 1)
             if spiral["diameter"] < LEAST_DIAMETER * spiral["thickness"]:
                 raise InputError(
                     f"diameter = {spiral['diameter']:g} mm: must be at least {LEAST_DIAMETER} times the thickness, "

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.errors import InputError, whole
+from gantrysim.base.errors import InputError, whole_number
 from gantrysim.env.episode_batch import EpisodeBatch
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ class Frames:
             raise InputError(f"render_mode = {mode!r}: must be None or 'rgb_array'")
         if not isinstance(size, tuple | list) or len(size) != 2:
             raise InputError(f"size = {size!r}: must be width and height [pixels]")
-        width = whole("width of the picture", size[0], 1)
-        height = whole("height of the picture", size[1], 1)
+        width = whole_number("width of the picture", size[0], 1)
+        height = whole_number("height of the picture", size[1], 1)
         self._size = (width, height)
         self._renderer: Renderer | None = None
 

@@ -18,7 +18,7 @@ from pydantic import (
     field_validator,
 )
 
-from gantrysim.base.errors import InputError, positive, unknown, whole
+from gantrysim.base.errors import InputError, positive, unknown, whole_number
 from gantrysim.base.toml_files import field_names, one_line
 from gantrysim.engine.linear import Engine
 from gantrysim.env.ranges import NOMINAL, PRESETS, SHIFTED_TOLERANCES, TRAINING
@@ -141,7 +141,7 @@ class PathSettings(BaseModel):
             if high < positive(name, low, unit):
                 raise InputError(f"{name} = ({low:g}, {high:g}) {unit}: must be the lowest, then the highest")
         fewest, most = self.between("turns")
-        whole("highest turns", most, whole("turns", fewest, 1))
+        whole_number("highest turns", most, whole_number("turns", fewest, 1))
         positive("acceleration", self.acceleration, "mm/s²")
         positive("tolerance", self.tolerance, "mm")
         if self.decision_interval != math.inf:

@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from gantrysim.base.errors import GantryError, InputError, unknown, whole
+from gantrysim.base.errors import GantryError, InputError, unknown, whole_number
 from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
 from gantrysim.env.outcome import EpisodeState
@@ -58,7 +58,7 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
         size: tuple[int, int] = (640, 480),
         **settings: Any,
     ) -> None:
-        self.num_envs = whole("num_envs", num_envs, 1)
+        self.num_envs = whole_number("num_envs", num_envs, 1)
         modes = {mode.value: mode for mode in AutoresetMode}
         if not isinstance(autoreset_mode, AutoresetMode) and autoreset_mode not in modes:
             raise unknown("autoreset_mode", str(autoreset_mode), modes)
@@ -171,10 +171,10 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
         if seed is None:
             return [None] * self.num_envs
         if not isinstance(seed, Sequence | np.ndarray):
-            return [whole("seed", seed, 0) + i for i in range(self.num_envs)]
+            return [whole_number("seed", seed, 0) + i for i in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise InputError(f"{len(seed)} seeds: must be one, or {self.num_envs}, one for each environment")
-        return [None if value is None else whole("seed", value, 0) for value in seed]
+        return [None if value is None else whole_number("seed", value, 0) for value in seed]
 
     def _mask(self, options: dict[str, Any] | None) -> Flags:
         mask = (options or {}).get("reset_mask")

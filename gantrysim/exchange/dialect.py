@@ -183,7 +183,7 @@ class Dialect(ABC):
     carries_of_velocity: ClassVar[tuple[str, ...]]
     settings: ClassVar[Mapping[str, str]] = {}
 
-    def carried(self, mode: str) -> tuple[str, ...]:
+    def carried_fields(self, mode: str) -> tuple[str, ...]:
         """Return the fields of `Servo` that the parameters express for a drive in a mode."""
         return self.carries_of_velocity if mode == "velocity" else self.carries
 

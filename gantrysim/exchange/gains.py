@@ -70,20 +70,20 @@ def unsaid(dialect: Dialect, axes: Sequence[AxisServo], servo: Servo) -> dict[st
         acting = [
             f"{axis.name} {value:g}"
             for axis, value in zip(axes, values, strict=True)
-            if value and name not in dialect.carried(axis.mode)
+            if value and name not in dialect.carried_fields(axis.mode)
         ]
         if acting:
             lost[name] = f"{name} ({', '.join(acting)})"
     return lost
 
 
-def beside(dialect: Dialect, servo: Servo) -> list[str]:
+def settings_beside_gains(dialect: Dialect, servo: Servo) -> list[str]:
     """Return the settings beside the gains that a dialect does not carry, in lines."""
     lines = []
     for name, meaning in BESIDE.items():
         value = servo.values()[name]
         values = value if isinstance(value, tuple) else (value,)
-        if all(name in dialect.carried(mode) for mode in servo.modes):
+        if all(name in dialect.carried_fields(mode) for mode in servo.modes):
             continue
         if not any(value and value not in _ORDINARY for value in values):
             continue
@@ -117,7 +117,7 @@ def dialect(name: str) -> Dialect:
     return DIALECTS[name]
 
 
-def exported(name: str, axes: Sequence[Axis], servo: Servo) -> tuple[str, list[str]]:
+def export_gains(name: str, axes: Sequence[Axis], servo: Servo) -> tuple[str, list[str]]:
     """Return the gains as a text for a controller, and what is to be set in the controller or its drives beside.
 
     Args:
@@ -139,16 +139,16 @@ def exported(name: str, axes: Sequence[Axis], servo: Servo) -> tuple[str, list[s
             f"{name} has no parameter for {', '.join(lost.values())}: the controller would run a different servo; "
             f"run and export the job without: {' '.join(f'--set {remedy(field)}' for field in lost)}{instead}"
         )
-    notes = beside(chosen, servo)
+    notes = settings_beside_gains(chosen, servo)
     return chosen.text(axis_servos, notes), notes
 
 
-def imported(name: str, text: str, axes: Sequence[Axis], servo: Servo, label: str = "gains") -> Servo:
+def import_gains(name: str, text: str, axes: Sequence[Axis], servo: Servo, label: str = "gains") -> Servo:
     """Return a servo with the gains of a controller's text.
 
     Args:
         name: of the dialect.
-        text: as the controller writes it, or `exported`.
+        text: as the controller writes it, or `export_gains`.
         axes: of the machine, in the controller's order.
         servo: gives period, limits, resolution and notches.
         label: names the text in errors.
@@ -162,7 +162,7 @@ def imported(name: str, text: str, axes: Sequence[Axis], servo: Servo, label: st
 def read_gains(
     name: str, text: str, axes: Sequence[Axis], servo: Servo, label: str = "gains"
 ) -> tuple[Servo, list[str]]:
-    """Return the servo of `imported`, and notes on parts of the text that are not used."""
+    """Return the servo of `import_gains`, and notes on parts of the text that are not used."""
     chosen = dialect(name)
     axis_servos = AxisServo.of(axes, servo)
     words_by_axis = chosen.read(text, axis_servos)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.heads import NUMBER
 from gantrysim.exchange.dialect import AxisServo, Dialect, Word, by_name
 from gantrysim.exchange.included import IncludedFiles
@@ -39,7 +39,7 @@ def _lines(path: Path, files: IncludedFiles, depth: int) -> Iterator[str]:
         if include is None:
             yield line
         else:
-            yield from _lines(path.parent / expanded(include[1]), files, depth + 1)
+            yield from _lines(path.parent / expanded_path(include[1]), files, depth + 1)
 
 
 @dataclass(frozen=True)
@@ -151,16 +151,16 @@ class IniFile:
                 limits.append(
                     AxisLimits(
                         letter,
-                        _least(speeds, self.length),
-                        _least(accelerations, self.length),
-                        _least(scales, 1 / self.length),
-                        _least(errors, self.length),
+                        _smallest_size(speeds, self.length),
+                        _smallest_size(accelerations, self.length),
+                        _smallest_size(scales, 1 / self.length),
+                        _smallest_size(errors, self.length),
                     )
                 )
         return tuple(limits)
 
 
-def _least(values: Sequence[float | None], factor: float) -> float:
+def _smallest_size(values: Sequence[float | None], factor: float) -> float:
     """Return the least size of the values that are given and not 0, times a factor; 0 without any."""
     sizes = [abs(value) for value in values if value]
     return min(sizes) * factor if sizes else 0.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.exchange.included import IncludedFiles
 from gantrysim.exchange.motion_limits import AxisLimits, program_lines
 from gantrysim.servo.laws import ADDITIONS, PID
@@ -220,7 +220,7 @@ def _add_file(path: Path, sections: dict[str, dict[str, str]], files: IncludedFi
         content = line.removeprefix(_SAVED)
         heading = _SECTION.fullmatch(content.strip())
         if heading and heading[1].startswith(_INCLUDE):
-            for file in _included_files(path.parent / expanded(heading[1].removeprefix(_INCLUDE).strip())):
+            for file in _included_files(path.parent / expanded_path(heading[1].removeprefix(_INCLUDE).strip())):
                 _add_file(file, sections, files, depth + 1)
         elif heading:
             section = sections.setdefault(heading[1].lower(), {})

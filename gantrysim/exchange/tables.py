@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.errors import InputError, expanded_path, unknown
 from gantrysim.base.extras import extra
 from gantrysim.base.files import check_whole, replaced_file
 from gantrysim.record.named_columns import columns, description
@@ -34,7 +34,7 @@ def load_record(run: str | os.PathLike[str]) -> Run:
     Raises:
         InputError: there is none, or it is damaged.
     """
-    place = expanded(run)
+    place = expanded_path(run)
     if not place.exists():
         raise InputError(f"run {run}: no such folder or file; gantrysim run JOB --out {run} makes one")
     if place.is_dir():

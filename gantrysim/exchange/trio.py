@@ -58,7 +58,7 @@ class Trio(Dialect):
     }
 
     def words(self, axis: AxisServo) -> list[Word]:
-        values = (gain * factor for gain, factor in zip(self._known(axis), self._factors(axis), strict=True))
+        values = (gain * factor for gain, factor in zip(self._gain_values(axis), self._factors(axis), strict=True))
         formulas = ("kp r c", "ki T r c", "kd r c / T", "vff r c / T", "o r c / T")
         return [
             Word(name, value, "DAC/edge", formula)
@@ -102,7 +102,7 @@ class Trio(Dialect):
         return [_in_steps_of_12_bits(words) if words.keys() & set(_WORDS) else {} for words in values]
 
     @staticmethod
-    def _known(axis: AxisServo) -> list[float]:
+    def _gain_values(axis: AxisServo) -> list[float]:
         return [axis.gains[name] for name in _GAINS]
 
     @staticmethod

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from gantrysim.base.errors import InputError, whole
+from gantrysim.base.errors import InputError, whole_number
+from gantrysim.base.quantity import with_minus
 from gantrysim.faults.fault import (
     REPORT,
     FaultAxis,
@@ -50,7 +51,7 @@ class EncoderGlitch(InjectedFault):
 
     def _check(self) -> None:
         check_counts(self.counts)
-        whole("ticks", self.ticks, 0)
+        whole_number("ticks", self.ticks, 0)
 
     @property
     def acts(self) -> bool:
@@ -61,7 +62,7 @@ class EncoderGlitch(InjectedFault):
 
     @property
     def magnitude(self) -> str:
-        return f"{self.counts:+d} counts for {servo_ticks(self.ticks)}"
+        return f"{with_minus(f'{self.counts:+d}')} counts for {servo_ticks(self.ticks)}"
 
     def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float:
         return offset_of_counts(self.kind, self.counts, axis)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from gantrysim.base.quantity import with_minus
 from gantrysim.faults.encoder_glitch import add_offset, offset_of_counts
 from gantrysim.faults.fault import REPORT, FaultAxis, Lasting, check_counts
 
@@ -36,7 +37,7 @@ class EncoderSlip(Lasting):
 
     @property
     def magnitude(self) -> str:
-        return f"{self.counts:+d} counts {self._span}"
+        return f"{with_minus(f'{self.counts:+d}')} counts {self._span}"
 
     def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float:
         return offset_of_counts(self.kind, self.counts, axis)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from gantrysim.base.errors import unknown, whole
+from gantrysim.base.errors import unknown, whole_number
 from gantrysim.faults.fault import SETPOINT, FaultAxis, InjectedFault, acts_at_tick, servo_ticks
 
 _HOLD = 0.0
@@ -44,7 +44,7 @@ class LostPackets(InjectedFault):
     kind: Literal["lost packets"] = "lost packets"
 
     def _check(self) -> None:
-        whole("ticks", self.ticks, 0)
+        whole_number("ticks", self.ticks, 0)
         if self.drive not in ("hold", "extrapolate"):
             raise unknown("drive", self.drive, ("hold", "extrapolate"))
 

@@ -20,7 +20,6 @@ from gantrysim.identify.sizes import share_words
 
 EVEN = 0.1  # largest deviation of a time stamp from an even one, of the period
 _JUMP = 1.5  # between two stamps, from which rows are missing, of the usual step
-_SHORT_STEP = 0.5  # the same, below which a row is one too many
 _AGREEING = 0.01  # largest difference between a given period and that of the stamps, of the period
 FEWEST = 100  # rows of a log
 SHORTEST = 20  # rows of a piece

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.progress import Progress
+from gantrysim.base.quantity import number_text
 from gantrysim.engine.simulate import simulate
 from gantrysim.engine.simulation import Start
 from gantrysim.identify.log import Log, Rows, read_log
@@ -342,9 +343,10 @@ def _placed(machine: Machine, recorded: CommandedLog) -> tuple[CommandedLog, lis
         if (low <= least and most <= high) or most - least > high - low or not machine.kinematics.axes_are_coordinates:
             continue
         moves[k] = 0.5 * (low + high) - 0.5 * (least + most)
+        move = number_text(moves[k], "+.4g")
         notes.append(
             f"{name}: the log's command, {least:.4g} to {most:.4g} {axis.unit}, lies outside of the travel, {low:g} to "
-            f"{high:g} {axis.unit}: moved by {moves[k]:+.4g} {axis.unit}, as from another zero of its encoder"
+            f"{high:g} {axis.unit}: moved by {move} {axis.unit}, as from another zero of its encoder"
         )
     if not notes:
         return recorded, notes

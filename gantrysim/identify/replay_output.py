@@ -54,7 +54,7 @@ def table_of(result: Replay, axis: str, quantity: str) -> Table:
         cells: list[Any] = [name, sizes.rows]
         for side in SIDES:
             size: ErrorSize | None = getattr(sizes, side)
-            cells += [None, None] if size is None else [described.scaled(size.rms), described.scaled(size.max)]
+            cells += [None, None] if size is None else [described.in_unit(size.rms), described.in_unit(size.max)]
         rows.append(cells)
     return Table(heads, rows, f"{axis}: {described.head}, measured and simulated")
 

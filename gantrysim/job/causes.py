@@ -173,11 +173,13 @@ class Cause:
         name: in a word.
         off: what a run without it is like.
         without: returns a setup without it, or the setup itself where it is absent.
+        meaning: in a few words, where the name alone does not tell what it is.
     """
 
     name: str
     off: str
     without: Callable[[Setup], Setup]
+    meaning: str = ""
 
 
 def _without_sampling(setup: Setup) -> Setup:
@@ -222,12 +224,27 @@ def _without_program(setup: Setup) -> Setup:
 
 
 CAUSES = (
-    Cause("program", "the command follows the requested path exactly, at the same progress", _without_program),
-    Cause("sampling", f"the servo's period is at most {1e6 * FINE_PERIOD:g} µs, without delay", _without_sampling),
-    Cause("counts", "the encoders are exact", _without_counts),
+    Cause(
+        "program",
+        "the command follows the requested path exactly, at the same progress",
+        _without_program,
+        "its commands leave the requested path",
+    ),
+    Cause(
+        "sampling",
+        f"the servo's period is at most {1e6 * FINE_PERIOD:g} µs, without delay",
+        _without_sampling,
+        "period and delay of the servo",
+    ),
+    Cause("counts", "the encoders are exact", _without_counts, "steps of the encoders"),
     Cause("friction", "only viscous friction is left", _on(without_friction)),
-    Cause("winding", "the motors' current follows the demand at once", _without_winding),
-    Cause("compliance", "the springs between motors and nozzle are rigid", _without_compliance),
+    Cause("winding", "the motors' current follows the demand at once", _without_winding, "lag of the motors' current"),
+    Cause(
+        "compliance",
+        "the springs between motors and nozzle are rigid",
+        _without_compliance,
+        "springs between motors and nozzle",
+    ),
 )
 # of a machine with errors of its geometry
 GEOMETRY = Cause(
@@ -298,7 +315,7 @@ class Causes:
             if effect.failure:
                 notes.append(f"{effect.cause.name}: {effect.failure}")
             elif effect.before != self.errors:
-                rms = cell_text(ERROR.scaled(effect.before["contour"].rms))
+                rms = cell_text(ERROR.in_unit(effect.before["contour"].rms))
                 notes.append(f"{effect.cause.name}: compared with the job at the same physics step, {rms} µm rms")
         return notes
 
@@ -415,7 +432,7 @@ def _cells(errors: Errors, worth: Errors | None, links: list[str]) -> list[float
     contour = errors["contour"]
     change = None if worth is None else worth["contour"].rms
     sizes = (contour.rms, contour.max, change, *(errors[link].rms for link in links))
-    return list(map(ERROR.scaled, sizes))
+    return list(map(ERROR.in_unit, sizes))
 
 
 def cell_text(value: float | None) -> str:

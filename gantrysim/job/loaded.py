@@ -53,6 +53,7 @@ class OpenValues(NamedTuple):
         travel: whether the travel of the machine is.
         gap: whether the height of the needle above the work is, where the height of a program from a file is given.
         speeds: whether the largest speeds of the program's axes are.
+        acceleration: whether the acceleration of a program from a file is.
         dialect: what a program file was recognised as by its content; None where suffix or caller decides.
     """
 
@@ -64,6 +65,7 @@ class OpenValues(NamedTuple):
     travel: bool
     gap: bool
     speeds: bool
+    acceleration: bool
     dialect: Recognised | None
 
     @classmethod
@@ -83,6 +85,7 @@ class OpenValues(NamedTuple):
             travel="machine" not in content and "travel" not in content,
             gap="source" in content and "z" in program.get("placement", {}) and "gap" not in content.get("bead", {}),
             speeds="axis_speeds" not in program,
+            acceleration="source" in content and "acceleration" not in program,
             dialect=dialect,
         )
 
@@ -186,6 +189,11 @@ def choice_note(open_values: OpenValues, job: JobContent, controller: Controller
         parts.append(
             f"glue {area:g} mm² times path speed{_flow_text(job, controller)}, what the needle presses flat{where}, "
             f"none at standstill (--set dispenser.area={area:g} or --set dispenser.flow=100)"
+        )
+    if open_values.acceleration and controller.assumed_acceleration:
+        parts.append(
+            f"acceleration {controller.assumed_acceleration:g} mm/s², which a file does not state (--set "
+            "program.acceleration=inf for none)"
         )
     if open_values.integral_time:
         parts.append(
@@ -292,7 +300,7 @@ class LoadedJob(JobContent):
             InputError: an invalid key or value.
         """
         job = cls.of_content(content, given.label)
-        with job.located():
+        with job.locate_errors():
             job = job.with_called_files()
         if speed is not None:
             job = job.at_speed(speed)
@@ -324,8 +332,10 @@ class LoadedJob(JobContent):
         name = self.program["controller"]
         job = self
         if open_values.machine:
-            with self.located():
+            with self.locate_errors():
                 job = job.changed({"machine": machine_of(name, job.controller)}).sharing(job)
+        if open_values.acceleration and job.controller.assumed_acceleration:
+            job = job.changed({"program.acceleration": job.controller.assumed_acceleration})
         if sibling is not None:
             job = job.sharing(sibling)
         if open_values.glue:
@@ -345,12 +355,12 @@ class LoadedJob(JobContent):
         Raises:
             InputError: the program states no speed, or the speed is not positive.
         """
-        with self.located():
+        with self.locate_errors():
             arguments = self.controller.arguments_at(speed)
         return self.changed({f"program.{key}": _without_noise(value) for key, value in arguments.items()})
 
     @contextmanager
-    def located(self) -> Iterator[None]:
+    def locate_errors(self) -> Iterator[None]:
         """Name the program's file, and the line where it is known, in errors that the program causes."""
         try:
             yield

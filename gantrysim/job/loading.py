@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.errors import InputError, expanded_path, unknown
 from gantrysim.base.files import check_whole
 from gantrysim.base.input_files import check_inside, check_regular
 from gantrysim.base.toml_files import read_text, read_toml, validated_model
@@ -118,7 +118,7 @@ def read_job(job: str, controller: str | None = None, *, allow_code: bool = Fals
     """
     if job in builtin_jobs():
         return JobSource(tomllib.loads(job_text(job)), Path(), f"job {job}")
-    path = expanded(job)
+    path = expanded_path(job)
     if not path.exists():
         check_whole(path.parent, f"job {job}")
     if not path.exists():
@@ -181,7 +181,7 @@ def _program(
     file = table["file"]
     if not isinstance(file, str):
         raise InputError(f"program.file = {file!r:.60}: must be the path of a program file")
-    path = folder / expanded(file)
+    path = folder / expanded_path(file)
     named = controller if controller is not None else table.get("controller")
     try:
         text = read_text(path, errors="replace")
@@ -215,7 +215,7 @@ def _program(
 def servo_table(file: Path) -> dict[str, Any]:
     """Return the table [servo] of a TOML file, with keys and types checked."""
     label = f"servo {file}"
-    content = read_toml(expanded(file), label)
+    content = read_toml(expanded_path(file), label)
     table = content.get("servo")
     if not isinstance(table, dict):
         raise InputError(f"{label}: has no table [servo]; it has: {', '.join(content) or 'nothing'}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
-from gantrysim.base.errors import InputError, check_type, expanded, meant_names, nearest, shown, wrong_type
+from gantrysim.base.errors import InputError, check_type, expanded_path, meant_names, nearest, short_text, wrong_type
 from gantrysim.base.toml_files import toml_content
 from gantrysim.faults import KINDS
 from gantrysim.glue.bead import BeadSettings
@@ -118,10 +118,10 @@ def _value_of(key: str, text: str) -> Any:
 def _unknown_key(key: str, known: Sequence[str]) -> InputError:
     """Return the error for a key that a job does not have, with the three nearest and where all are listed."""
     question = meant_names(nearest(key, sorted(known)))
-    return InputError(f"unknown key {shown(key)}: {f'{question} ' if question else ''}{LIST_OF_KEYS}")
+    return InputError(f"unknown key {short_text(key)}: {f'{question} ' if question else ''}{LIST_OF_KEYS}")
 
 
-def place(content: Content, placement: Mapping[str, float], known: Sequence[str]) -> None:
+def set_placement(content: Content, placement: Mapping[str, float], known: Sequence[str]) -> None:
     """Set attributes of the program's `Placement` in the content of a job file.
 
     Raises:
@@ -145,7 +145,7 @@ def absolute_machine(machine: str, folder: Path) -> str:
         machine.encode()
     except UnicodeEncodeError:  # it could not stand in a job file
         raise InputError(f"machine {machine!r:.60}: its name must be text in UTF-8") from None
-    return str((folder / expanded(machine)).absolute())
+    return str((folder / expanded_path(machine)).absolute())
 
 
 def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:

@@ -7,10 +7,10 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.job.code import absolute_value, is_trusted, named_code, refusal
 from gantrysim.job.loading import read_job, servo_table
-from gantrysim.job.overrides import Override, absolute_machine, change, known_keys, override, place
+from gantrysim.job.overrides import Override, absolute_machine, change, known_keys, override, set_placement
 from gantrysim.job.programs import program_class
 from gantrysim.job.recognition import Recognised
 from gantrysim.job.settings import laid_over
@@ -67,7 +67,7 @@ def read_with_overrides(request: Request) -> Reading:
         InputError: an unknown job, or an invalid key or value.
     """
     job = request.job
-    file = expanded(job)
+    file = expanded_path(job)
     allow_code = request.allow_code or is_trusted(file)
     content, folder, label, dialect = read_job(job, request.controller, allow_code=allow_code)
     for section in ("program", "servo", "dispenser", "bead", "simulation", "geometry"):
@@ -86,7 +86,7 @@ def read_with_overrides(request: Request) -> Reading:
         content["servo"] = laid_over(jobs_servo, given["servo"])
         if "law" in given["servo"]:
             authors = [_Author(file, label, named_code({"program": jobs_program}))]
-        authors.append(_Author(expanded(request.servo), f"servo {request.servo}", named_code(given)))
+        authors.append(_Author(expanded_path(request.servo), f"servo {request.servo}", named_code(given)))
     _override(content, request, authors)
     if request.machine is not None:
         content["machine"] = absolute_machine(request.machine, Path())
@@ -126,7 +126,7 @@ def _override(content: dict[str, Any], request: Request, authors: list[_Author])
 
     try:
         if request.placement:
-            place(content, request.placement, keys())
+            set_placement(content, request.placement, keys())
         for setting in request.overrides:
             override(content, setting, keys())
     except InputError:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, whole
+from gantrysim.base.errors import InputError, whole_number
 from gantrysim.base.quantity import MAX, MEAN, P95, RMS, STD, Quantity
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.engine.positions import axis_positions
@@ -175,7 +175,7 @@ def _moved_back(job: Job, run: Run, zero: Floats) -> Run:
 
 def check_repeats(job: Job, repeats: int) -> None:
     """Raise InputError for a number of repeats out of its bounds, or a job whose encoders have no counts."""
-    if whole("repeat", repeats, 2) > _MOST_REPEATS:
+    if whole_number("repeat", repeats, 2) > _MOST_REPEATS:
         raise InputError(f"repeat = {repeats:g}: must be at most {_MOST_REPEATS}")
     if not _counts(job).any():
         raise InputError(

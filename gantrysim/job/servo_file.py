@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.job.code import absolute_value, named_code, refusal
 from gantrysim.job.loading import servo_table
 from gantrysim.job.plan import check_servo_file
@@ -29,11 +29,11 @@ def servo_of_file(file: Path | None, machine: Machine, period: float, *, allow_c
         return Servo.derive(machine.axes, **{**dict(ServoSettings()), "period": period})
     table = servo_table(file)
     code = named_code({"servo": table})
-    reason = "" if allow_code else refusal(code, expanded(file))
+    reason = "" if allow_code else refusal(code, expanded_path(file))
     if reason:
         raise InputError(f"servo {file} {reason}")
     if "law" in table:
-        table["law"] = absolute_value("servo.law", table["law"], expanded(file).parent)
+        table["law"] = absolute_value("servo.law", table["law"], expanded_path(file).parent)
     settings = ServoSettings(**{"period": period, **table})
     check_servo_file(file, settings, machine)
     return Servo.derive(machine.axes, **dict(settings))

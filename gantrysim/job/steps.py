@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gantrysim.base.quantity import number_text
 from gantrysim.job.basis import Basis
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
@@ -39,7 +40,8 @@ class LostSteps(NamedTuple):
     unit: str
 
     def __str__(self) -> str:
-        text = f"{abs(self.steps)}, {self.offset:+.4g} {self.unit} from its command" if self.steps else "none"
+        offset = number_text(self.offset, "+.4g")
+        text = f"{abs(self.steps)}, {offset} {self.unit} from its command" if self.steps else "none"
         return (
             f"stepper {self.axis} lost up to {self.most} full steps, the first at t = {self.time:.4f} s, at the end "
             f"{text}: lower acceleration or speed, or raise the current or the bus voltage"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
@@ -12,19 +12,21 @@ from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gantrysim.base.errors import GantryError
+from gantrysim.live.consent import Code, Terminal
 from gantrysim.live.packing import NOTHING, message
-from gantrysim.live.store import LONGEST_UPLOAD, Store
+from gantrysim.live.store import LONGEST_UPLOAD, Store, is_trace
 from gantrysim.live.workbench import Workbench, version_of
 from gantrysim.live.worker import Message, Worker
 from gantrysim.results.colours import css_variables
 
 _LONGEST_QUEUE = 2000  # messages that wait for a tab, which is then closed
 _GLANCE = 0.3  # between two looks at the file that is followed [s]
+_NOT_FOUND = 404
 _TOO_LONG = 413
 _TRY_AGAIN = 1013  # code with which the WebSocket of a slow tab is closed
 _WEB = files("gantrysim.live") / "web"
@@ -53,9 +55,20 @@ class Hub:
         path: of the job that is shown first.
         scratch: temporary folder.
         allow_code: whether the code that this job names may run.
+        terminal: on which is asked whether other code may run; None for none.
     """
 
-    def __init__(self, folder: Path, path: str, scratch: Path, *, allow_code: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        path: str,
+        scratch: Path,
+        *,
+        allow_code: bool = False,
+        terminal: Terminal | None = None,
+    ) -> None:
+        self._terminal = terminal
+        self._questions: set[asyncio.Task[None]] = set()
         self._tabs: set[asyncio.Queue[tuple[str, dict[str, Any]]]] = set()
         self._allow_code = path if allow_code else ""
         self._worker: Worker | None = None
@@ -73,19 +86,30 @@ class Hub:
                 loop.call_soon_threadsafe(self.workbench.receive, message)
 
         worker = Worker(receive, self._allow_code)
-        self.workbench = Workbench(self._store, self._path, worker.ask, self._tell)
+        ask_for_code = None if self._terminal is None else self._ask_for_code
+        self.workbench = Workbench(self._store, self._path, worker.ask, self._tell, ask_for_code)
         self.workbench.start()
         following = asyncio.create_task(self._follow())
         try:
             yield
         finally:
-            following.cancel()
+            for task in (following, *self._questions):
+                task.cancel()
             worker.close()
 
     def _tell(self, kind: str, content: dict[str, Any]) -> None:
         for tab in self._tabs:
             if tab.qsize() < _LONGEST_QUEUE:
                 tab.put_nowait((kind, content))
+
+    def _ask_for_code(self, code: Code, answered: Callable[[bool], None]) -> None:
+        async def ask() -> None:
+            assert self._terminal is not None
+            answered(await self._terminal.ask(code.question))
+
+        question = asyncio.create_task(ask())
+        self._questions.add(question)
+        question.add_done_callback(self._questions.discard)
 
     async def _follow(self) -> None:
         """Take over what is saved to the open file, once it has stood for a moment."""
@@ -99,15 +123,29 @@ class Hub:
             seen = version
 
     async def upload(self, request: Request) -> Response:
-        """Keep a file that was dropped into the page, and open it."""
+        """Keep a file that was dropped into the page, and open it, or lay it beside the run."""
         content = bytearray()
         with suppress(ClientDisconnect):
             async for part in request.stream():
                 content += part
                 if len(content) > LONGEST_UPLOAD:
                     return PlainTextResponse(f"longer than {LONGEST_UPLOAD:,} bytes\n", _TOO_LONG)
-            self.workbench.open(self._store.take(request.query_params.get("name", ""), bytes(content)))
+            name = request.query_params.get("name", "")
+            is_beside = is_trace(name, bytes(content))
+            path = self._store.take(name, bytes(content), is_listed=not is_beside)
+            if is_beside:
+                self.workbench.lay_beside(path)
+            else:
+                self.workbench.open(path)
         return PlainTextResponse("")
+
+    async def film(self, request: Request) -> Response:
+        """Return the film that was made, of which a browser asks for parts."""
+        film = self.workbench.film(request.query_params.get("number", ""))
+        if film is None:
+            return PlainTextResponse("no such film\n", _NOT_FOUND)
+        file, name = film
+        return FileResponse(file, filename=f"{name}{file.suffix}", content_disposition_type="inline")
 
     async def tab(self, socket: WebSocket) -> None:
         """Serve a tab: send what it needs to show, and do what it asks for."""
@@ -157,10 +195,18 @@ async def asset(request: Request) -> Response:
     return Response(variables + "".join(part.read_text(encoding="utf-8") for part in parts), media_type=kind)
 
 
+async def space_asset(_: Request) -> Response:
+    """Return the script of the 3-D view, which a page asks for when it first shows one."""
+    script = (_REPORT / "web" / "viewer3d.min.js.gz").read_bytes()
+    return Response(script, media_type="text/javascript; charset=utf-8", headers={"Content-Encoding": "gzip"})
+
+
 def app_of(hub: Hub) -> Starlette:
     """Return the application of a hub, without its guard."""
     routes = [
         *(Route(path, asset) for path in _ASSETS),
+        Route("/viewer3d.js", space_asset),
+        Route("/film", hub.film),
         Route("/upload", hub.upload, methods=["POST"]),
         WebSocketRoute("/socket", hub.tab),
     ]

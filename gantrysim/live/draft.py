@@ -11,14 +11,16 @@ from typing import Any, Literal, NamedTuple
 
 import tomli_w
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.files import replaced_file
 from gantrysim.base.toml_files import read_text
+from gantrysim.job.code import is_trusted
 from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.overrides import absolute_machine
+from gantrysim.live.consent import Code, code_of, make_code_absolute
 
-Task = Literal["show", "improve", "report", "stop", "end"]
+Task = Literal["show", "improve", "report", "film", "stop", "end"]
 
 _LINE = re.compile(r"\bline (\d+)")
 _WORD = re.compile(r"['\"]([^'\"\n]{1,40})['\"]|\b([A-Z]-?\d[\d.]*)\b")
@@ -54,8 +56,8 @@ class Draft:
         """Return the job of the file, without the changes of controls.
 
         Args:
-            scratch: folder for an edited job file: code that it names does not run.
-            allow_code: whether code that the file on disk names may run.
+            scratch: folder for an edited job file.
+            allow_code: whether code that the job names may run.
 
         Raises:
             InputError: an invalid job.
@@ -66,9 +68,20 @@ class Draft:
         with replaced_file(file) as partial:
             partial.write_text(_standing_alone(self.text, self.path), encoding="utf-8")
         try:
-            return Job.load(file)
+            return Job.load(file, allow_code=allow_code)
         except InputError as error:
             raise InputError(str(error).replace(str(file), self.name)) from None
+
+    def code(self) -> Code | None:
+        """Return the code that may not run unasked; None where there is none, or the working folder's is unchanged.
+
+        Raises:
+            InputError: a job file that cannot be read.
+        """
+        text = self.file_text()
+        if text is None or (self.text is None and is_trusted(expanded_path(self.path))):
+            return None
+        return code_of(text, self.path)
 
     def job(self, opened: Job) -> Job:
         """Return the job with all changes.
@@ -97,7 +110,7 @@ class Draft:
             return self.text
         if self.path in builtin_jobs():
             return job_text(self.path)
-        file = expanded(self.path)
+        file = expanded_path(self.path)
         if file.suffix.lower() != ".toml":
             return None
         try:
@@ -106,15 +119,38 @@ class Draft:
             raise InputError(f"{self.name}: cannot be read: {error.strerror}") from None
 
 
+class Beside(NamedTuple):
+    """A measured trace, or the record of a run, beside the simulated runs.
+
+    Attributes:
+        path: of the file.
+        version: of the file, as another may come under its name.
+        columns: which are which quantities, as `--columns` of `gantrysim compare`; empty to tell by their names.
+        period: of the samples, for a log without time [s].
+    """
+
+    path: str
+    version: int = 0
+    columns: str = ""
+    period: float | None = None
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return Path(self.path).name
+
+
 class Request(NamedTuple):
     """What the worker is to do; a newer request ends an older one.
 
     Attributes:
         number: ascending.
-        task: "show" its run, "improve" it, write its "report", "stop", or "end" the process.
+        task: "show" its run, "improve" it, write its "report" or "film", "stop", or "end" the process.
         draft: the job; None to stop.
         reference: job with which its run is compared; None for none.
-        folder: to write a report to.
+        folder: to write a report or film to.
+        beside: what is measured beside it; None for nothing.
+        allowed: code that may run, beside that of the job that the command names.
     """
 
     number: int
@@ -122,6 +158,8 @@ class Request(NamedTuple):
     draft: Draft | None = None
     reference: Draft | None = None
     folder: str = ""
+    beside: Beside | None = None
+    allowed: frozenset[Code] = frozenset()
 
 
 class Refusal(NamedTuple):
@@ -161,9 +199,10 @@ def _standing_alone(text: str, path: str) -> str:
     if path in builtin_jobs():
         return text
     folder = Path(path).parent
+    make_code_absolute(content, folder)
     program = content.get("program")
     if isinstance(content.get("machine"), str):
         content["machine"] = absolute_machine(content["machine"], folder)
     if isinstance(program, dict) and isinstance(program.get("file"), str):
-        program["file"] = str(folder / expanded(program["file"]))
+        program["file"] = str(folder / expanded_path(program["file"]))
     return tomli_w.dumps(content)

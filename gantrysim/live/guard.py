@@ -115,7 +115,7 @@ class Guard:
     def _with_headers(self, scope: Scope, send: Send) -> Send:
         host = Headers(scope=scope).get("host", "")
         policy = (
-            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; media-src 'self'; "
             f"connect-src 'self' ws://{host if self._is_own(host) else ''}; "
             "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
         )

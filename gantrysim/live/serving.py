@@ -10,9 +10,10 @@ from pathlib import Path
 
 import uvicorn
 
-from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.errors import InputError, expanded_path, unknown
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.live.app import Hub, app_of
+from gantrysim.live.consent import Terminal
 from gantrysim.live.guard import TOKEN, Guard, is_wildcard
 from gantrysim.live.store import LONGEST_UPLOAD
 
@@ -37,7 +38,9 @@ def serve(
     folder, path = opened(job)
     with closing(_bound(host, port)) as listener, tempfile.TemporaryDirectory(prefix="gantrysim-live-") as scratch:
         number = listener.getsockname()[1]
-        hub = Hub(folder, path, Path(scratch), allow_code=allow_code)
+        terminal = Terminal()
+        asking = terminal if terminal.is_interactive else None
+        hub = Hub(folder, path, Path(scratch), allow_code=allow_code, terminal=asking)
         guard = Guard(app_of(hub), host, number)
         config = uvicorn.Config(guard, log_level="error", access_log=False, ws_max_size=LONGEST_UPLOAD, lifespan="on")
         named = LOOPBACK if is_wildcard(host) else f"[{host}]" if ":" in host else host
@@ -54,7 +57,7 @@ def opened(job: str) -> tuple[Path, str]:
     """
     if job in builtin_jobs():
         return Path.cwd(), job
-    path = expanded(job).absolute()
+    path = expanded_path(job).absolute()
     if path.is_dir():
         return path, builtin_jobs()[0]
     if not path.exists():

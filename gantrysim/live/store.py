@@ -7,16 +7,21 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.files import replaced_file
 from gantrysim.base.toml_files import read_text
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import suffixes
+from gantrysim.tables.column_table import ColumnTable
+from gantrysim.tables.reading import table_of_text
 
 LONGEST_UPLOAD = 1 << 25  # [bytes]
 _MOST_UPLOADS = 50  # kept; the oldest goes
 _MOST_LISTED = 500  # files of a folder
 _JOB = ".toml"
+_FILMS = ".films"  # no dropped file begins with a point
 _NAME = re.compile(r"[^\w .+-]")
 _LONGEST_NAME = 100  # characters
 
@@ -27,6 +32,44 @@ def _is_job(file: Path) -> bool:
         return file.suffix.lower() == _JOB and "[program" in read_text(file, errors="replace", most=LONGEST_UPLOAD)
     except (OSError, InputError):
         return False
+
+
+_BINARY = (".npz", ".mat", ".h5", ".parquet", ".mcap")
+_POINTS = ".csv"  # a program's points, or a log
+_HEAD = 1 << 16  # of a table, by which it is told [bytes]
+_TIMES = ("time_s", "time", "t")
+_LEAST_ROWS = 8  # of a log
+_OF_AXES = ("commanded", "encoder", "nozzle", "pcmd", "pfb")
+
+
+def is_trace(name: str, content: bytes) -> bool:
+    """Return whether a file is a record or a log, not a program or a job.
+
+    A table whose name ends as that of a program's points is a log where it has a column of time that rises, or of
+    positions by the names of links.
+    """
+    suffix = Path(name).suffix.lower()
+    if suffix in _BINARY:
+        return True
+    if suffix == _JOB or (suffix in suffixes() and suffix != _POINTS):
+        return False
+    head = content[:_HEAD].decode(errors="replace")
+    if len(content) > _HEAD:
+        head = head.rpartition("\n")[0]
+    try:
+        table = table_of_text(head, name)
+    except InputError:
+        return False
+    if table.rows < _LEAST_ROWS or len(table.columns) < 2:
+        return False
+    return suffix != _POINTS or _is_log(table)
+
+
+def _is_log(table: ColumnTable) -> bool:
+    times = [values for name, values in table.columns.items() if name.lower() in _TIMES]
+    if any(np.all(np.diff(values) > 0) for values in times):
+        return True
+    return table.period is not None or any(name.lower().startswith(_OF_AXES) for name in table.columns)
 
 
 class Saved(NamedTuple):
@@ -42,12 +85,17 @@ class Store:
     Args:
         folder: that is opened: its jobs are listed, and jobs are saved in it.
         scratch: temporary folder for what is dropped into the page.
+
+    Attributes:
+        films: folder of the films that are made.
     """
 
     def __init__(self, folder: Path, scratch: Path) -> None:
         self.folder = folder
+        self.films = scratch / _FILMS
         self._scratch = scratch
         self._uploads: list[Path] = []
+        self._unlisted: set[Path] = set()
 
     def names(self) -> dict[str, list[str]]:
         """Return the names of the jobs that can be opened: files of the folder, dropped ones, and built-in ones."""
@@ -59,7 +107,7 @@ class Store:
         )
         return {
             "folder": [file.name for file in islice(files, _MOST_LISTED)],
-            "dropped": [file.name for file in self._uploads],
+            "dropped": [file.name for file in self._uploads if file not in self._unlisted],
             "built-in": builtin_jobs(),
         }
 
@@ -76,12 +124,13 @@ class Store:
             return str(next(file for file in self._uploads if file.name == name))
         return name if kind == "built-in" else str(self.folder / name)
 
-    def take(self, name: str, content: bytes) -> str:
+    def take(self, name: str, content: bytes, *, is_listed: bool = True) -> str:
         """Keep a file that was dropped into the page, in a folder of its own, and return its path.
 
         Args:
             name: of the file as the browser gives it.
             content: of the file.
+            is_listed: whether it is a job or program, that `names` lists.
 
         Raises:
             InputError: a file that is too long.
@@ -92,6 +141,9 @@ class Store:
         file = self._scratch / plain
         file.write_bytes(content)
         self._uploads = [*(other for other in self._uploads if other != file), file]
+        self._unlisted.discard(file)
+        if not is_listed:
+            self._unlisted.add(file)
         while len(self._uploads) > _MOST_UPLOADS:
             self._uploads.pop(0).unlink(missing_ok=True)
         return str(file)

@@ -8,13 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gantrysim.base.errors import GantryError
+from gantrysim.base.errors import GantryError, InputError
 from gantrysim.compare.runs.compared_run import ComparedRun
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.engine.linear import Engine
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
+from gantrysim.live.beside import Companion
+from gantrysim.live.consent import Code
 from gantrysim.live.controls import controls_of
 from gantrysim.live.draft import Draft, Refusal, Request
 from gantrysim.live.packing import NOTHING, Parts
@@ -34,9 +36,19 @@ from gantrysim.results.verdict import Verdict, stability_row
 QUICK: Engine = "loop"
 WHOLE: Engine = "mujoco"
 QUICK_ROWS = 4_000  # of a quick answer
+_FILM = "film.mp4"
+_SIMULATED = 0.1  # share of a film's time in which its run is simulated
 REST = 0.15  # without a newer request, after which the whole answer is computed [s]
 
 Send = Callable[[str, dict[str, Any]], None]
+
+
+class CodeError(InputError):
+    """A job names code that nobody has allowed yet."""
+
+    def __init__(self, code: Code) -> None:
+        super().__init__(f"would run code of its own, {', '.join(code.entries)}")
+        self.code = code
 
 
 class StaleError(Exception):
@@ -59,6 +71,8 @@ class Studio:
         self._opened: tuple[tuple[Any, ...], Job] | None = None
         self._latest: Job | None = None
         self._reference: tuple[Draft, RunResults] | None = None
+        self._allowed: frozenset[Code] = frozenset()
+        self._companion = Companion()
 
     def answer(self, request: Request, send: Send) -> None:
         """Compute the answer to a request, and send it in parts.
@@ -67,6 +81,7 @@ class Studio:
             StaleError: a newer request has come.
         """
         assert request.draft is not None
+        self._allowed = request.allowed
 
         def go_on(*_: Any) -> None:
             if self.newest != request.number:
@@ -78,8 +93,13 @@ class Studio:
                 self._improve(request.draft, send, go_on)
             elif request.task == "report":
                 self._report(request.draft, Path(request.folder), send, go_on)
+            elif request.task == "film":
+                self._film(request.draft, Path(request.folder), send, go_on)
             else:
                 self._show(request, send, go_on)
+        except CodeError as error:
+            go_on()
+            send("code", {"code": error.code, "text": str(error), "task": request.task})
         except GantryError as error:
             go_on()
             send("refused", {**Refusal.of(error)._asdict(), "task": request.task})
@@ -87,10 +107,23 @@ class Studio:
     def _open(self, draft: Draft) -> Job:
         key = (draft.path, draft.text, draft.version)
         if self._opened is None or self._opened[0] != key:
-            job = draft.opened(self._scratch, allow_code=draft.path == self._allow_code)
+            job = draft.opened(self._scratch, allow_code=self._allows(draft))
             self._opened = (key, job)
             self._latest = None
         return self._opened[1]
+
+    def _allows(self, draft: Draft) -> bool:
+        """Return whether a job's code may run.
+
+        Raises:
+            CodeError: it may not unless somebody is asked.
+        """
+        if draft.path == self._allow_code and draft.text is None:
+            return True
+        code = draft.code()
+        if code is not None and code not in self._allowed:
+            raise CodeError(code)
+        return code is not None
 
     def _job(self, draft: Draft) -> Job:
         opened = self._open(draft)
@@ -128,20 +161,28 @@ class Studio:
             return
         results = _results(job, run)
         go_on()
+        reference = None if request.reference is None else self._reference_results(request.reference, go_on)
+        runs: tuple[ComparedRun, ...] = ()
+        if request.beside is not None:
+            laid = self._companion.lay(request.beside, results, reference, anew=engine != QUICK)
+            if laid is None:
+                return
+            runs, head["beside"] = laid
         head |= _verdict(results.verdict) | {"sentence": headline(results)}
-        if request.reference is None:
-            content = ViewerData(results, most).content()
-        else:
-            reference = self._reference_results(request.reference, go_on)
-            runs = ComparedRuns((ComparedRun.of(reference, "kept"), ComparedRun.of(results, "now")))
-            content = OverlayData(runs, most).content()
+        if reference is not None:
             head["kept"] = _verdict(reference.verdict)
+        if reference is not None and not runs:
+            runs = (ComparedRun.of(reference, "kept"), ComparedRun.of(results, "now"))
+        if runs:
+            content = OverlayData(ComparedRuns(runs), most).content()
+        else:
+            content = ViewerData(results, most, flat_in_space=True).content()
         go_on()
         send("result", {"head": head, "parts": Parts.of(content), "toml": job.toml()})
 
     def _reference_results(self, draft: Draft, go_on: Callable[..., None]) -> RunResults:
         if self._reference is None or self._reference[0] != draft:
-            opened = draft.opened(self._scratch, allow_code=draft.path == self._allow_code)
+            opened = draft.opened(self._scratch, allow_code=self._allows(draft))
             job = draft.job(opened)
             self._reference = (draft, _results(job, job.run(go_on, engine=QUICK)))
         return self._reference[1]
@@ -214,6 +255,24 @@ class Studio:
         run = job.run(progress)
         page = write_report(job, run, folder / job.name, changes=changes_of, progress=progress)
         send("written", {"folder": str(folder / job.name), "page": "" if page is None else str(page)})
+
+    def _film(self, draft: Draft, folder: Path, send: Send, go_on: Callable[..., None]) -> None:
+        job = self._job(draft)
+        job.check_fit()
+
+        def simulating(share: float) -> None:
+            go_on()
+            send("progress", {"share": _SIMULATED * share, "task": "film: simulate"})
+
+        def drawing(share: float) -> None:
+            go_on()
+            send("progress", {"share": _SIMULATED + (1 - _SIMULATED) * share, "task": "film: draw"})
+
+        run = job.run(simulating)
+        file = folder / _FILM
+        folder.mkdir(exist_ok=True)
+        run.film(file, progress=drawing)
+        send("film", {"name": job.name, "file": str(file)})
 
 
 def _results(job: Job, run: Any) -> RunResults:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gantrysim.base.errors import GantryError, InputError, unknown
+from gantrysim.base.errors import GantryError, InputError, positive, unknown
 from gantrysim.base.toml_files import read_toml
 from gantrysim.job.loading import builtin_jobs
+from gantrysim.live.consent import Code
 from gantrysim.live.controls import OVERRIDE, Control, checked_values
-from gantrysim.live.draft import Draft, Request, Task
+from gantrysim.live.draft import Beside, Draft, Request, Task
 from gantrysim.live.packing import NOTHING, Parts
 from gantrysim.live.store import Saved, Store
 from gantrysim.live.worker import Message
@@ -19,8 +21,10 @@ from gantrysim.live.worker import Message
 _MOST_STEPS = 200  # of the history
 _LONGEST_TEXT = 1 << 24  # of a program or job that is edited [characters]
 _OUTPUT = "out"  # folder of reports, as of the command
-_SHOWN = ("text", "controls", "margins", "proposals", "written", "refused")  # kinds of messages that a new tab needs
+# kinds of messages that a new tab needs
+_SHOWN = ("text", "controls", "margins", "proposals", "written", "film", "refused")
 
+AskForCode = Callable[[Code, Callable[[bool], None]], None]
 Tell = Callable[[str, dict[str, Any]], None]
 
 
@@ -32,6 +36,7 @@ class Workbench:
         path: of the job that is opened first.
         ask: sends a request to the worker.
         tell: sends a message to all tabs.
+        ask_for_code: asks whether code may run, and calls back with the answer; None where nobody can be asked.
 
     Attributes:
         head: of the latest result.
@@ -39,18 +44,29 @@ class Workbench:
         is_stale: whether what is shown is of a former draft.
     """
 
-    def __init__(self, store: Store, path: str, ask: Callable[[Request], None], tell: Tell) -> None:
+    def __init__(
+        self,
+        store: Store,
+        path: str,
+        ask: Callable[[Request], None],
+        tell: Tell,
+        ask_for_code: AskForCode | None = None,
+    ) -> None:
         self.head: dict[str, Any] = {}
         self.parts: Parts = NOTHING
         self.is_stale = True
         self._store = store
         self._ask = ask
         self._tell = tell
+        self._ask_for_code = ask_for_code
+        self._answers: dict[Code, bool | None] = {}  # None while it is asked
         self._draft = self._fresh(path)
         self._history: list[Draft] = []
         self._undone: list[Draft] = []
         self._is_dragging = False
         self._kept: Draft | None = None
+        self._filmed: Draft | None = None
+        self._beside: Beside | None = None
         self._saved: Saved | None = None
         self._toml = ""  # of the latest result's job
         self._number = 0
@@ -72,10 +88,17 @@ class Workbench:
             "can_undo": bool(self._history),
             "can_redo": bool(self._undone),
             "kept": self._kept is not None,
+            "beside": None if self._beside is None else {**self._beside._asdict(), "name": self._beside.name},
+            "filmed": self._filmed == self._draft,
             "saved": "" if self._saved is None else self._saved.file.name,
             "busy": self._task or "",
             "number": self._number,
         }
+
+    def film(self, number: str) -> tuple[Path, str] | None:
+        """Return the file and the name of a film that was made; None where it is not the latest one's number."""
+        film = self._messages.get("film", {})
+        return (Path(film["file"]), film["name"]) if film and str(film["number"]) == number else None
 
     def messages(self) -> list[tuple[str, dict[str, Any]]]:
         """Return the messages that a new tab needs."""
@@ -85,7 +108,13 @@ class Workbench:
         """Open a job or program file, or a built-in job."""
         self._messages.pop("proposals", None)
         self._kept = None
+        self._beside = None
         self._change(self._fresh(path))
+
+    def lay_beside(self, path: str) -> None:
+        """Show a measured trace, or the record of a run, beside the simulated run."""
+        self._beside = Beside(path, version_of(path))
+        self._start("show")
 
     def reload(self) -> None:
         """Take over what stands in the file now, with the page's controls; edits of its text can be undone to."""
@@ -109,8 +138,11 @@ class Workbench:
             "redo": lambda _: self._step(self._undone, self._history),
             "reset": lambda _: self._change(self._fresh(self._draft.path)),
             "keep": self._keep,
+            "columns": self._name_columns,
+            "apart": lambda _: self._take_away(),
             "improve": lambda _: self._start("improve"),
             "report": lambda _: self._start("report"),
+            "film": lambda _: self._start("film"),
             "stop": lambda _: self._start("stop"),
             "try": self._try,
             "save": self._save,
@@ -133,6 +165,11 @@ class Workbench:
             self._messages.pop("refused", None)
             self._tell("result", {})
             return
+        if message.kind == "film":
+            self._filmed = self._draft
+            message = message._replace(content={**message.content, "number": message.number})
+        if message.kind == "code":
+            message = self._code_refusal(message)
         if message.kind == "done":
             self._task = None
             self._tell("state", self.state())
@@ -162,8 +199,32 @@ class Workbench:
             self.is_stale = True
         for kind in ("refused", "written"):
             self._messages.pop(kind, None)
-        self._ask(Request(self._number, task, self._draft, self._kept, str(self._store.folder / _OUTPUT)))
+        folder = self._store.films if task == "film" else self._store.folder / _OUTPUT
+        allowed = frozenset(code for code, is_allowed in self._answers.items() if is_allowed)
+        self._ask(Request(self._number, task, self._draft, self._kept, str(folder), self._beside, allowed))
         self._tell("state", self.state())
+
+    def _code_refusal(self, message: Message) -> Message:
+        """Return the refusal of a job whose code may not run yet, and ask for it where that can be."""
+        code = message.content["code"]
+        if self._ask_for_code is None:
+            reason = (
+                "it is asked for on the terminal, and gantrysim live was not started from one: start it in the job's "
+                "folder, or with --allow-code for this job"
+            )
+        elif code in self._answers:
+            reason = "is asked for on the terminal" if self._answers[code] is None else "was refused on the terminal"
+        else:
+            self._answers[code] = None
+            self._ask_for_code(code, partial(self._answered, code))
+            reason = "answer on the terminal that started gantrysim live"
+        text = f"job {Path(code.job).name} {message.content['text']}: {reason}"
+        content = {"text": text, "line": 0, "word": "", "task": message.content["task"]}
+        return message._replace(kind="refused", content=content)
+
+    def _answered(self, code: Code, is_allowed: bool) -> None:
+        self._answers[code] = is_allowed
+        self._start("show")
 
     def start(self) -> None:
         """Simulate the first job."""
@@ -194,6 +255,23 @@ class Workbench:
 
     def _keep(self, order: Mapping[str, Any]) -> None:
         self._kept = self._draft if order.get("on") else None
+        self._start("show")
+
+    def _name_columns(self, order: Mapping[str, Any]) -> None:
+        """Take over which columns of the trace are which quantities: as text, never as a file's name."""
+        if self._beside is None:
+            raise InputError("no trace lies beside the run")
+        columns = _text(order, "columns").strip()
+        if columns and "=" not in columns:
+            raise InputError(f"columns {columns}: must be as in time=t,encoder.x=px")
+        period = order.get("period")
+        if period is not None:
+            period = positive("period", period, "s")
+        self._beside = self._beside._replace(columns=columns, period=period)
+        self._start("show")
+
+    def _take_away(self) -> None:
+        self._beside = None
         self._start("show")
 
     def _try(self, order: Mapping[str, Any]) -> None:

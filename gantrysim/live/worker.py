@@ -33,7 +33,8 @@ class Message(NamedTuple):
 
     Attributes:
         number: of the request.
-        kind: "begun", "text", "controls", "margins", "progress", "result", "proposals", "written", "refused" or "done".
+        kind: "begun", "text", "controls", "margins", "progress", "result", "proposals", "written", "film", "code",
+            "refused" or "done".
         content: by name.
     """
 

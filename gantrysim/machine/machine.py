@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.display import picture_html
-from gantrysim.base.errors import InputError, check_type, expanded, unknown, wrong_type
+from gantrysim.base.errors import InputError, check_type, expanded_path, unknown, wrong_type
 from gantrysim.base.input_files import check_regular
 from gantrysim.machine.axis import Axis, axis_table
 from gantrysim.machine.axis_dynamics import motion_of, with_dynamics
@@ -58,7 +58,7 @@ def model_file(model: str | Path) -> Path:
     builtin = builtin_models()
     if text in builtin:
         return Path(str(files("gantrysim.models") / f"{text}.xml"))
-    path = expanded(text)
+    path = expanded_path(text)
     check_regular(path, f"model {text}")
     if path.is_file():
         return path.resolve()

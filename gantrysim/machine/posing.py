@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.base.arrays import Floats, seen
+from gantrysim.base.arrays import Floats, read_only_view
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
 from gantrysim.machine.axis import PER_SI, Axis, AxisAddress
@@ -131,7 +131,7 @@ class Chain:
         if self._linear is not None:
             points = np.empty((len(positions), 3))
             # a record's columns lie one behind the other: numba would compile a second function for them
-            _fill(points, seen(np.ascontiguousarray(positions)), *self._linear)
+            _fill(points, read_only_view(np.ascontiguousarray(positions)), *self._linear)
             return points
         q = positions / self._per_si
         points = np.broadcast_to(self._site, (len(q), 3))

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import mujoco
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.display import svg_picture
@@ -59,6 +58,8 @@ def scheme(model: mujoco.MjModel, qpos: Floats, title: str) -> str:
 
 def _polygons(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[tuple[float, Floats, str]]:
     """Yield distance, corners in the picture, (k, 2) [mm], and colour of every face that is seen."""
+    from scipy.spatial import ConvexHull, QhullError  # slow to import
+
     for geom in range(model.ngeom):
         kind = int(model.geom_type[geom])
         half = model.geom_aabb[geom, 3:]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, at_least, unknown, whole
+from gantrysim.base.errors import InputError, at_least, unknown, whole_number
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import FACTORS, Perturbation
@@ -113,8 +113,8 @@ class Tolerances:
         # slow to import, and not needed by draw
         from scipy.stats.qmc import LatinHypercube
 
-        count = whole("number of machines", count, 1)
-        seed = whole("seed", seed, 0)
+        count = whole_number("number of machines", count, 1)
+        seed = whole_number("seed", seed, 0)
         columns = self.columns(machine)
         unit = LatinHypercube(len(columns), rng=seed).random(count)
         return {

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.base.arrays import Floats, seen
+from gantrysim.base.arrays import Floats, read_only_view
 from gantrysim.paths.feet import Projection
 from gantrysim.paths.nearest import find_assignment
 
@@ -59,8 +59,8 @@ def assigned_progress(path: SearchedPath, trace: Floats, between: Floats | None 
     before = np.append(tried[0, :1], tried[0, :-1])
     chords = np.empty(rows.size, np.int64)
     find_assignment(  # type: ignore[no-untyped-call]
-        seen(np.asfortranarray(path.position(s))),
-        seen(np.ascontiguousarray(trace[rows])),
+        read_only_view(np.asfortranarray(path.position(s))),
+        read_only_view(np.ascontiguousarray(trace[rows])),
         tried,
         np.full(s.size - 1, np.inf),
         np.empty((rows.size, int((tried[1] - before).max()) + 1), np.bool_),

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, dot, lengths, seen
+from gantrysim.base.arrays import Floats, dot, lengths, read_only_view
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
 from gantrysim.paths.lengths import find_swept
@@ -186,7 +186,7 @@ class Chain(Path):
     def _planes(self) -> Floats:
         """Directions of the planes of all pieces, or of one where all lie in it."""
         frame = self._columns["frame"]
-        return seen(np.ascontiguousarray(frame[:1] if (frame == frame[0]).all() else frame))
+        return read_only_view(np.ascontiguousarray(frame[:1] if (frame == frame[0]).all() else frame))
 
     def _at(self, k: NDArray[np.intp], distance: Floats, *wanted: str) -> _Places:
         """Return the places at distances from the starts of pieces; columns that are not wanted are empty."""

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, LastCall, at_rows, lengths, read_only, seen
+from gantrysim.base.arrays import Floats, LastCall, at_rows, lengths, read_only, read_only_view
 from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
 from gantrysim.base.errors import InputError
 from gantrysim.paths.assignment import assigned_progress
@@ -112,14 +112,21 @@ class Path(ABC):
         sagitta = _SAGITTA * max(spacing / _TABLE_SPACING, 1.0) ** 2
         s = _divided_spans(s, np.minimum(np.ceil(sizes * np.sqrt(bend / (8 * sagitta))), _MOST_PARTS))
         is_corner = np.isin(s, self.corners)
-        return Table(seen(s), seen(np.asfortranarray(self.position(s))), seen(is_corner), float(np.diff(s).max()))
+        return Table(
+            read_only_view(s),
+            read_only_view(np.asfortranarray(self.position(s))),
+            read_only_view(is_corner),
+            float(np.diff(s).max()),
+        )
 
     @cached_property
     def _bends(self) -> Bends:
         s = self.table.s
         curvature = self.local(0.5 * (s[:-1] + s[1:])).curvature
         sharpest = float(lengths(curvature).max())
-        return Bends(seen(curvature), seen(self.corners), 1.0 / sharpest if sharpest > 0 else np.inf)
+        return Bends(
+            read_only_view(curvature), read_only_view(self.corners), 1.0 / sharpest if sharpest > 0 else np.inf
+        )
 
     def project(self, points: ArrayLike) -> Projection:
         """Project points onto the path: the nearest point of the whole curve, ends included.
@@ -164,16 +171,16 @@ class Path(ABC):
 
         def distances(block: slice) -> Floats:
             place = self._last_position(progress[block])
-            commanded = seen(at_rows(command, rows[block]))
+            commanded = read_only_view(at_rows(command, rows[block]))
             furthest = np.zeros((len(commanded), 2))
             for trace in (command, *followers):
-                points = seen(at_rows(trace, rows[block]))
+                points = read_only_view(at_rows(trace, rows[block]))
                 find_furthest(points, place, commanded, furthest)  # type: ignore[no-untyped-call]
             return furthest
 
         count = progress.size
         stretches = np.empty((2, count))
-        find_stretches(self.table, seen(progress), by_blocks(distances, count), stretches)  # type: ignore[no-untyped-call]
+        find_stretches(self.table, read_only_view(progress), by_blocks(distances, count), stretches)  # type: ignore[no-untyped-call]
         return stretches
 
     @cached_property
@@ -218,7 +225,7 @@ class Path(ABC):
             p = _points(at_rows(trace, rows[block]))
             parts = np.empty((3, len(p)))
             between = np.ascontiguousarray(stretches[:, block])
-            find_feet(self.table, self._bends, p, seen(places[block]), between, parts)  # type: ignore[no-untyped-call]
+            find_feet(self.table, self._bends, p, read_only_view(places[block]), between, parts)  # type: ignore[no-untyped-call]
 
             def local(s: Floats) -> Local:
                 # the first look, at all points
@@ -263,7 +270,7 @@ def _points(points: ArrayLike) -> Floats:
     p = np.atleast_2d(np.asarray(points, float))
     if p.shape[-1] != 3 or not np.isfinite(p).all():
         raise InputError(f"points of shape {p.shape}: must be finite and of shape (n, 3)")
-    return seen(p)
+    return read_only_view(p)
 
 
 def tangent_of(heading: Floats, climb: Floats, frame: Floats) -> Floats:

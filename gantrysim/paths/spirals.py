@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats, LastCall
-from gantrysim.base.errors import InputError, finite, point, positive
+from gantrysim.base.errors import InputError, finite, plane_point, positive
 from gantrysim.base.jit import jit
 from gantrysim.paths.lengths import arc_length, swept_along
 from gantrysim.paths.path import UPRIGHT, Local, Path
@@ -67,7 +67,7 @@ class Involute(Path):
         positive("radius", self.radius, "mm")
         positive("pitch", self.pitch, "mm")
         positive("turns", self.turns)
-        object.__setattr__(self, "start", point("start", self.start))
+        object.__setattr__(self, "start", plane_point("start", self.start))
         finite("heading_start", self.heading_start, "rad")
         finite("height", self.height, "mm")
         if self.pitch * self.turns > self.radius * (1 + 1e-12):
@@ -109,7 +109,7 @@ class Involute(Path):
     @property
     def centre(self) -> Floats:
         """Centre of the base circle, (3,) [mm]."""
-        return self._place(np.array([self.a]), np.array([self.radius]), np.zeros(1))[0]
+        return self._points_at(np.array([self.a]), np.array([self.radius]), np.zeros(1))[0]
 
     def phi(self, s: ArrayLike) -> Floats:
         """Angle of the tangent since the start, (n,) [rad]."""
@@ -127,7 +127,7 @@ class Involute(Path):
         angles.flags.writeable = False
         return angles
 
-    def _place(self, along: Floats, inward: Floats, up: Floats) -> Floats:
+    def _points_at(self, along: Floats, inward: Floats, up: Floats) -> Floats:
         """Points of coordinates along the first tangent, and towards the centre."""
         c = np.cos(self.heading_start)
         s = np.sin(self.heading_start)

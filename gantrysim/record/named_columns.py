@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.errors import InputError, meant_names, nearest, shown
+from gantrysim.base.errors import InputError, meant_names, nearest, short_text
 from gantrysim.base.extras import pandas_frame
 from gantrysim.base.quantity import Quantity
 
@@ -152,16 +152,18 @@ def column(run: Record, name: str) -> NDArray[Any]:
     by_name = {entry.name: entry for entry in named} | {entry.label: entry for entry in named}
     if name not in by_name:
         question = meant_names(nearest(str(name), [entry.name for entry in named]))
-        raise InputError(f"unknown column {shown(name)}: {f'{question} ' if question else ''}run.columns lists all")
+        raise InputError(
+            f"unknown column {short_text(name)}: {f'{question} ' if question else ''}run.columns lists all"
+        )
     return by_name[name].of(run)
 
 
 def _key_text(key: object) -> str:
     """Return a key between brackets as it was written, shortened."""
     if not isinstance(key, slice):
-        return shown(key)
+        return short_text(key)
     parts = [key.start, key.stop] if key.step is None else [key.start, key.stop, key.step]
-    return ":".join("" if part is None else shown(part) for part in parts)
+    return ":".join("" if part is None else short_text(part) for part in parts)
 
 
 def columns(run: Record) -> dict[str, NDArray[Any]]:

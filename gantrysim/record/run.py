@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, OptionalColumn
 from gantrysim.base.display import Shown
-from gantrysim.base.errors import InputError, expanded, wrong_type
+from gantrysim.base.errors import InputError, expanded_path, wrong_type
 from gantrysim.base.files import replaced_file
 from gantrysim.base.input_files import opened_file
 from gantrysim.base.progress import Progress
@@ -279,7 +279,7 @@ class Run(Shown):
         Raises:
             InputError: the run has neither a job nor a rig, or as `gantrysim.render.save_video`.
         """
-        expanded(file)
+        expanded_path(file)
         basis = self.known_basis("film")
         from gantrysim.render import save_video
 
@@ -347,7 +347,7 @@ class Run(Shown):
         if not isinstance(file, str | os.PathLike):
             raise wrong_type("file", file, "a path, as text or pathlib.Path")
         try:
-            with opened_file(expanded(file)) as stream:
+            with opened_file(expanded_path(file)) as stream:
                 return cls(**read_record(stream))
         except (OSError, InputError) as error:
             reason = str(error.strerror if isinstance(error, OSError) else error)[:_LONGEST_REASON]

@@ -20,6 +20,7 @@ from gantrysim.base import memory
 from gantrysim.base.arrays import read_only
 from gantrysim.base.columns import FileTable, Stored, array_of, blocks
 from gantrysim.base.errors import InputError, text_of
+from gantrysim.base.quantity import number_text
 from gantrysim.faults.checks import fault_of
 from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.setpoints import progress_fault
@@ -180,7 +181,7 @@ def _long(name: str, member: Member, stream: _Tee) -> Stored:
         count = block.stop - block.start
         content = stream.read(count * math.prod(row) * member.dtype.itemsize)
         table.write(block.start, {name: np.frombuffer(content, member.dtype).reshape(count, *row)})
-    return table.stored(rows)[name]
+    return table.first_rows(rows)[name]
 
 
 def _archive_name(name: str) -> bytes:
@@ -218,7 +219,7 @@ class Fault:
         if self.kind == "oscillation":
             text += f": the torque demand has swung {self.value:g} times from limit to limit"
         elif math.isfinite(self.limit):
-            text += f": {self.value:.4g} {self.unit}, limit {self.limit:.4g} {self.unit}"
+            text += f": {number_text(self.value, '.4g')} {self.unit}, limit {self.limit:.4g} {self.unit}"
         return f"{text}; {self.reaction}" if self.reaction else text
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.columns import Column, OptionalColumn, Stored, array_of, blocks, by_blocks, table_by_blocks
 from gantrysim.base.display import Shown, picture_html
-from gantrysim.base.errors import InputError, at_least, check_type, positive, whole, wrong_type
+from gantrysim.base.errors import InputError, at_least, check_type, positive, whole_number, wrong_type
 from gantrysim.base.memory import check_ticks
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
@@ -51,7 +51,7 @@ class Supervision:
         for name, unit in (("position_error", "mm"), ("settle_error", "mm"), ("velocity_limit", "mm/s")):
             if getattr(self, name) != math.inf:
                 positive(name, getattr(self, name), unit)
-        whole("position_error_delay", self.position_error_delay, 0)
+        whole_number("position_error_delay", self.position_error_delay, 0)
         settle_time = at_least("settle_time", self.settle_time, 0, "s")
         at_least("settle_timeout", self.settle_timeout, settle_time, "s")
 
@@ -215,11 +215,11 @@ class Setpoints(Shown):
 
     def hold(self, duration: float) -> Setpoints:
         """Return these setpoints with the last position held for `duration` [s], the dispenser off."""
-        return self._padded(0, ticks(at_least("hold", duration, 0, "s"), self.period))
+        return self._padded_positions(0, ticks(at_least("hold", duration, 0, "s"), self.period))
 
     def wait(self, duration: float) -> Setpoints:
         """Return these setpoints after a hold of the first position for `duration` [s], the dispenser off."""
-        return self._padded(ticks(at_least("wait", duration, 0, "s"), self.period), 0)
+        return self._padded_positions(ticks(at_least("wait", duration, 0, "s"), self.period), 0)
 
     def until(self, count: int) -> Setpoints:
         """Return the first `count` setpoints, without waits at gates."""
@@ -238,7 +238,7 @@ class Setpoints(Shown):
             **given,
         )
 
-    def _padded(self, before: int, after: int) -> Setpoints:
+    def _padded_positions(self, before: int, after: int) -> Setpoints:
         if not before and not after:
             return self
         total = len(self.position) + before + after

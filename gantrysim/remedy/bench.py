@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from gantrysim.base import memory
-from gantrysim.base.errors import whole
+from gantrysim.base.errors import whole_number
 from gantrysim.engine.linear import difference_note
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.remedy.outcome import Measured, Motion, Outcome, measured_together, motion_key, time_before_glue
+from gantrysim.remedy.outcome import Motion, Outcome, measured_together, motion_key, searched_motion, time_before_glue
 
 # What was computed of runs, kept as long as there is room for it.
 
@@ -127,7 +127,7 @@ class Bench:
 
     def __init__(self, base: Job, workers: int | None = None, progress: Progress | None = None) -> None:
         cores = os.cpu_count() or 1
-        self._workers = cores if workers is None else min(whole("workers", workers, 1), cores)
+        self._workers = cores if workers is None else min(whole_number("workers", workers, 1), cores)
         self.family = Family(base)
         self._progress = progress
         self._outcomes: dict[str, Outcome] = {}
@@ -150,7 +150,7 @@ class Bench:
         self._keep_motion(self.motion_key(job), motion)
         self._keep({job.toml(): motion.outcome(job)})
 
-    def confirmed(self, job: Job) -> tuple[Outcome, str]:
+    def confirm(self, job: Job) -> tuple[Outcome, str]:
         """Return what the run of a job shows that is not for a search, and a note where it differs from the search's.
 
         Raises:
@@ -191,18 +191,44 @@ class Bench:
             motions.setdefault(self.motion_key(job), {})[key] = self.family.member(job)
         groups = [list(group.values()) for group in motions.values()]
         earlier = list(map(self._motions.get, motions))
-        with ExitStack() as stack:
-            results: Iterable[Measured] = map(measured_together, groups, earlier)
-            if self._workers > 1 and len(groups) > 1:
-                pool = stack.enter_context(ThreadPoolExecutor(self._workers))
-                # those that have not begun at an interrupt
-                stack.callback(pool.shutdown, cancel_futures=True)
-                results = pool.map(measured_together, groups, earlier)
-            for (key, group), measured in zip(motions.items(), results, strict=True):
+        with self._mapping(len(groups)) as mapped:
+            for (key, group), measured in zip(motions.items(), mapped(measured_together, groups, earlier), strict=True):
                 if measured.motion is not None:
                     self._keep_motion(key, measured.motion)
                 self._keep(dict(zip(group, measured.outcomes, strict=True)))
         return [self._outcomes[key] for key in keys]
+
+    def motions_fail(self, jobs: Sequence[Job]) -> list[bool]:
+        """Return whether the motion of each job fails whatever its glue, see `Motion.fails`; a refused job has none."""
+        keys = [self.motion_key(job) for job in jobs]
+        motions = dict(zip(keys, jobs, strict=True))
+        outcomes = {key: self._outcomes.get(job.toml()) for key, job in motions.items()}
+        fails = {key: outcome.motion_fails for key, outcome in outcomes.items() if outcome is not None}
+        missing = {key: self.family.member(job) for key, job in motions.items() if key not in fails}
+        self.task.known = self.task.done + len(missing)
+        self._tell()
+        earlier = list(map(self._motions.get, missing))
+        with self._mapping(len(missing)) as mapped:
+            for key, motion in zip(missing, mapped(searched_motion, missing.values(), earlier), strict=True):
+                fails[key] = motion is not None and motion.fails
+                if motion is not None:
+                    self._keep_motion(key, motion)
+                self.task.done += 1
+                self._tell()
+        return [fails[key] for key in keys]
+
+    @contextmanager
+    def _mapping(self, count: int) -> Iterator[Callable[..., Iterable[Any]]]:
+        """Yield what maps a function over so many arguments: `map`, or that of several threads."""
+        if self._workers == 1 or count < 2:
+            yield map
+            return
+        with ThreadPoolExecutor(self._workers) as pool:
+            try:
+                yield pool.map
+            finally:
+                # those that have not begun at an interrupt
+                pool.shutdown(cancel_futures=True)
 
     def motion_key(self, job: Job) -> str:
         """Return a text that is the same for jobs with the same motion, see `motion_key`."""

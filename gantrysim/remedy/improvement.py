@@ -12,97 +12,25 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from gantrysim.base.display import Shown, table_html
-from gantrysim.base.errors import GantryError, InputError
+from gantrysim.base.errors import InputError
 from gantrysim.base.extras import extra
 from gantrysim.base.quantity import NOTHING
-from gantrysim.exchange.gains import DIALECTS, exported
-from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
+from gantrysim.exchange.gains import DIALECTS, export_gains
 from gantrysim.job.job import Job
 from gantrysim.job.overrides import known_keys
-from gantrysim.metrics.budget import Budget
+from gantrysim.remedy.bounds import bound_of
 from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, shown_gains
-from gantrysim.results.checks import FAIL
-from gantrysim.results.glue_causes import without_dead_time, without_lag
+from gantrysim.results.checks import FAIL, PASS, Check
+from gantrysim.results.glue import ploughing_reason, ploughing_remedy
 from gantrysim.results.row import Row
 from gantrysim.results.score import row_burden, usage_of, usages_of
-from gantrysim.results.verdict import GLUE, PATH, STABILITY, Verdict
+from gantrysim.results.verdict import Verdict
 
 if TYPE_CHECKING:
     import pandas
-
-
-# What keeps a row of the verdict from passing: a link of the chain, or the dispenser.
-
-_PLOUGHED = "bead_ploughed"  # name of the check
-
-
-def bound_of(job: Job, outcome: Outcome, row: str) -> str:
-    """Return what keeps a row of the verdict on a job from passing, as the subject of a sentence.
-
-    The path is bound by the link with the largest rms in a run of the job. The bead is judged again with a dispenser
-    that follows its command at once, and with a machine that follows its program exactly: what makes it pass is what
-    bound it.
-    """
-    if row == PATH:
-        parts = Budget(job.run()).part_values
-        link = max(parts, key=lambda name: parts[name].rms)
-        return f"the {link} link, {1e3 * parts[link].rms:.1f} µm rms of the error"
-    if row == GLUE:
-        ploughed = _ploughed_reason(outcome)
-        return f"the program link: {ploughed}" if ploughed else _glue_bound(job)
-    if row == STABILITY:
-        return "the servo: its loops have too little margin"
-    return "the drives: their torque or speed has too little reserve"
-
-
-def _ploughed_reason(outcome: Outcome) -> str:
-    """Return why the needle ploughs its bead, in words; empty where it does not."""
-    assert outcome.verdict is not None
-    row = outcome.verdict[GLUE]
-    if row.checks[0].name != _PLOUGHED or not row.checks[0].value:
-        return ""
-    # its last part is the remedy
-    return row.remark.rpartition("; ")[2]
-
-
-def _glue_bound(job: Job) -> str:
-    dispenser = job.dispenser
-    instant = job.model_copy(update={"dispenser": without_lag(without_dead_time(dispenser))})
-    if _glue_passes(instant, job):
-        return f"the dispenser, {_lag_text(dispenser)}"
-    if _glue_passes(job, job, follow=True):
-        return "the servo link: the machine does not follow the commanded speed"
-    if dispenser.per_e:
-        return "the program link: what E feeds, at rest or for each length, varies more than the bead admits"
-    return "the program link: its speed changes more than the bead admits"
-
-
-def _glue_passes(job: Job, base: Job, *, follow: bool = False) -> bool:
-    try:
-        shared = job.sharing(base)
-        run = shared.follow() if follow else shared.run()
-        return run.fault is None and row_burden(Verdict.of(shared, run)[GLUE]) == 0
-    except GantryError:
-        return False
-
-
-def _lag_text(dispenser: Dispenser) -> str:
-    if dispenser.drive is not None:
-        return "whose motor works against the pressure of the glue"
-    if dispenser.kind != VALVE:
-        return "which lays drops"
-    closing = 0.0 if dispenser.closing_delay == dispenser.dead_time else dispenser.closing_delay
-    times = {
-        "dead time": dispenser.dead_time,
-        "dead time of closing": closing,
-        "opening": dispenser.opening,
-        "closing": dispenser.closing,
-    }
-    lags = ", ".join(f"{1e3 * time:.4g} ms {name}" for name, time in times.items() if time)
-    return f"which lags by {lags}"
 
 
 # Lines to paste: what an improved job changes, as keys of a job file, options of a command, and controllers' words.
@@ -213,11 +141,11 @@ def controller_words(base: Job, improved: Job) -> str:
     if name not in DIALECTS or base.built_servo == improved.built_servo:
         return ""
     try:
-        exported(name, base.built_machine.axes, base.built_servo)
+        export_gains(name, base.built_machine.axes, base.built_servo)
     except InputError:  # the words cannot express the job as it is, whatever changes
         return ""
     try:
-        text, notes = exported(name, improved.built_machine.axes, improved.built_servo)
+        text, notes = export_gains(name, improved.built_machine.axes, improved.built_servo)
     except InputError as error:
         return f"{error}\n"
     return text + "".join(f"note: {note}\n" for note in notes)
@@ -257,6 +185,9 @@ def _quoted_word(text: str) -> str:
 
 
 AS_IT_IS = "unchanged"
+# of a failing value, by which a change that is told as its remedy lowers it; likewise where its limit is 0
+_LOWERED = 0.05
+_LOWERED_TO_ZERO = 0.5
 USAGE = "worst value of each row in % of its limit: above 80 % a warning, above 100 % a failure"
 USAGE_NOTE = f"{USAGE}; = and + mark the best combination, each lever with those before it"
 
@@ -321,9 +252,11 @@ class Improvement(Shown):
             return f"{self.verdict.fault} The run ends in a fault: no lever is tried before that is repaired."
         if self.before.burden == 0 and not self.combination:
             return f"nothing to change: the verdict is {self.verdict.state}."
-        names = names_of(self.combination)
+        names = names_of(self.by_worst_value)
         if self.after.burden == 0:
             return f"passes with {names}."
+        if missed := self._missed:
+            return missed
         begin = f"best with {names}" if names else "no lever helps"
         worst = max(self.improved.rows, key=row_burden)
         reach = "nothing meets the tolerance" if worst.state == FAIL else "no combination leaves a 20 % margin"
@@ -331,7 +264,47 @@ class Improvement(Shown):
         # then the row says itself what it lacks, as dots that get no glue
         if worst.fails_without_check or not worst.checks:
             return f"{remains}, {worst.remark}."
-        return f"{remains}, {worst.checks[0]}. What forbids it is {bound_of(self.job, self.after, worst.name)}."
+        reason = ploughing_reason(worst)
+        bound = reason or f"what forbids it is {bound_of(self.job, self.after, worst.name)}"
+        return f"{remains}, {worst.checks[0].brief}. {bound[0].upper()}{bound[1:]}."
+
+    @property
+    def _missed(self) -> str:
+        """What to do about the worst value where no lever lowers it, and what the levers do; empty where one does."""
+        row = self.verdict.worst_row
+        check = self.verdict.worst_check
+        if row is None or check is None or _lowers(check, row.name, check.value, self.improved):
+            return ""
+        order = ploughing_remedy(self.improved[row.name])
+        what = order or f"what forbids it is {bound_of(self.job, self.after, row.name)}"
+        text = f"no lever cures {check.label or check.quantity}: {what}."
+        others: dict[str, str] = {}
+        for gain in shown_gains(self.verdict, self.improved):
+            if gain.quantity != check.quantity and self.verdict[gain.row].state != PASS and gain.before != gain.after:
+                # the worst one of a row tells enough
+                others.setdefault(gain.row, f"{gain.quantity} {gain.text}")
+        if not others or not self.combination:
+            return text
+        names = names_of(self.combination)
+        verb = "are" if len(self.combination) > 1 else "is"
+        return f"{text} {names[0].upper()}{names[1:]} {verb} for what else fails: {', '.join(others.values())}."
+
+    @property
+    def by_worst_value(self) -> list[Trial]:
+        """The levers of the combination, those first that lower the worst value."""
+        row = self.verdict.worst_row
+        check = self.verdict.worst_check
+        if row is None or check is None:
+            return list(self.combination)
+        first = []
+        value = check.value
+        for trial in self.combination:
+            verdict = trial.outcome.verdict
+            now = None if verdict is None else _same_check(check, row.name, verdict)
+            if verdict is not None and _lowers(check, row.name, value, verdict):
+                first.append(trial)
+            value = value if now is None else now.value
+        return [*first, *(trial for trial in self.combination if trial not in first)]
 
     @property
     def by_place_sentence(self) -> str:
@@ -353,7 +326,7 @@ class Improvement(Shown):
         return {name: text for name, text in lines.items() if text}
 
     @property
-    def untried(self) -> dict[str, str]:
+    def untried_levers(self) -> dict[str, str]:
         """Names of the levers that were not tried, by the reason."""
         names: dict[str, list[str]] = {}
         for skipped in self.skipped:
@@ -396,9 +369,7 @@ class Improvement(Shown):
         for gain in shown_gains(self.verdict, self.after.verdict):
             if not gain.quantity:
                 continue
-            unit = f" {gain.unit}" if gain.unit else ""
-            values = f"{format(gain.before, f'z{gain.form}')} → {_value(gain.after, gain.form)}{unit}"
-            lines.append(f"{gain.row}: {gain.quantity} {values}")
+            lines.append(f"{gain.row}: {gain.quantity} {gain.text}")
         lines.append(f"time: {self.before.duration:.2f} → {self.after.duration:.2f} s")
         return lines
 
@@ -441,6 +412,19 @@ class Improvement(Shown):
         return pandas.DataFrame(records)
 
 
+def _same_check(check: Check, row: str, verdict: Verdict) -> Check | None:
+    return next((same for same in verdict[row].checks if same.name == check.name), None)
+
+
+def _lowers(check: Check, row: str, value: float, after: Verdict) -> bool:
+    """Return whether a failing check keeps its limit afterwards, or comes nearer to it than a value."""
+    now = _same_check(check, row, after)
+    if check.state != FAIL or now is None or now.state != FAIL:
+        return True
+    gained = now.value - value if check.at_least else value - now.value
+    return gained > (_LOWERED if check.limit else _LOWERED_TO_ZERO) * abs(value)
+
+
 def _usages(verdict: Verdict | None, rows: int = 0) -> list[str]:
     """Return the share of the limits that the worst check of each row uses, as text."""
     if verdict is None or verdict.unjudged:
@@ -459,10 +443,6 @@ def _usage(row: Row) -> str:
         return f"{100 * usage:.0f} %"
     finite = [other for other in usages_of(row) if math.isfinite(other)]
     return f"∞, {100 * max(finite):.0f} %" if finite else "∞"
-
-
-def _value(value: float, form: str) -> str:
-    return NOTHING if math.isnan(value) else format(value, f"z{form}")
 
 
 def _record(trial: Trial, *, combined: bool) -> dict[str, Any]:

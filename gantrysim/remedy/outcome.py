@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 from gantrysim.base.errors import GantryError
@@ -17,8 +18,9 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, PASS
-from gantrysim.results.score import burden_of
-from gantrysim.results.verdict import Verdict
+from gantrysim.results.glue import GLUE
+from gantrysim.results.score import burden_of, row_burden
+from gantrysim.results.verdict import Verdict, motion_rows
 
 _OF_MOTION = ("built_servo", "margins", "setpoints", "start_wait")  # of a job, computed for its run
 
@@ -51,6 +53,11 @@ class Outcome:
         return math.inf if self.failure or self.verdict is None else burden_of(self.verdict)
 
     @property
+    def motion_fails(self) -> bool:
+        """Whether the verdict is no pass whatever the glue, which does not change the motion."""
+        return self.verdict is not None and any(row_burden(row) > 0 for row in self.verdict.rows if row.name != GLUE)
+
+    @property
     def state(self) -> str:
         """The verdict in a word; "fail" for a job that is refused."""
         return FAIL if self.verdict is None else self.verdict.state
@@ -59,11 +66,6 @@ class Outcome:
     def passes(self) -> bool:
         """Whether the verdict is a pass."""
         return self.state == PASS
-
-
-def measured_outcome(job: Job) -> Outcome:
-    """Simulate a job and return what its run shows; a job that is refused has an outcome too."""
-    return measured_together([job]).outcomes[0]
 
 
 def motion_key(job: Job, before: float | None = None) -> str:
@@ -139,6 +141,14 @@ class Motion:
         run = job.run(engine=engine or job.engine_of_searches)
         return cls(job, run, Budget(Analysis(run)) if run.fault is None else None)
 
+    @cached_property
+    def fails(self) -> bool:
+        """Whether the verdict is no pass whatever the glue, by path, stability or machine; True for a fault.
+
+        It needs neither the bead nor the links of the error budget.
+        """
+        return self.budget is None or any(row_burden(row) > 0 for row in motion_rows(self.job, self.budget))
+
     def outcome(self, job: Job) -> Outcome:
         """Return what the run of a job with this motion shows.
 
@@ -164,6 +174,17 @@ class Motion:
             # where none is requested, what is left is rounding
             dots=tuple(dot.volume + dot.string if dot.demand else 0.0 for dot in bead.dots),
         )
+
+
+def searched_motion(job: Job, motion: Motion | None = None) -> Motion | None:
+    """Return the motion of a job, simulated if it is not known, and judged; None for a job that is refused."""
+    try:
+        motion = Motion.of(job) if motion is None else motion
+    except GantryError:  # its outcome tells why
+        return None
+    # once, by the thread that has simulated it
+    _ = motion.fails
+    return motion
 
 
 class Measured(NamedTuple):

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from gantrysim.base.quantity import number_text
 from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.checks import PASS, UNJUDGED, Check
@@ -38,6 +39,12 @@ class Gain:
     usage_before: float = math.nan
     usage_after: float = math.nan
     state: str = UNJUDGED
+
+    @property
+    def text(self) -> str:
+        """Both values with their unit."""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{number_text(self.before, self.form)} → {number_text(self.after, self.form)}{unit}"
 
 
 def gains_of(before: Verdict, after: Verdict | None) -> tuple[Gain, ...]:

@@ -11,7 +11,7 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 from PIL import Image, ImageDraw
 
-from gantrysim.base.errors import expanded
+from gantrysim.base.errors import expanded_path
 from gantrysim.base.quantity import number_text
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
@@ -44,7 +44,7 @@ def labels_of(runs: Sequence[SavedRun]) -> list[str]:
     labels = differences([run.job for run in runs])
     if labels is not None:
         return labels
-    names = [expanded(run.folder).resolve().name for run in runs]
+    names = [expanded_path(run.folder).resolve().name for run in runs]
     return names if len(set(names)) == len(names) else [str(run.folder) for run in runs]
 
 
@@ -162,9 +162,9 @@ class Header:
         error = ("error", MUTED, run.error_text(tick), "8888.8 µm")
         rms_max = ("rms / max", MUTED, run.rms_max_text(tick), "8888 / 8888 µm")
         speed = ("speed", MUTED, f"{run.speed(tick):.1f} mm/s", "888.8 mm/s")
-        if run.faulted(time):
+        if run.has_faulted(time):
             values = [(f"fault {end}", COLOURS["fault"], "", ""), rms_max, error]
-        elif run.ended(time):
+        elif run.has_ended(time):
             values = [(f"ended {end}", MUTED, "", ""), rms_max]
         else:
             # in two lines the longest value has the second to itself

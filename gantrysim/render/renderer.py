@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.errors import InputError, whole
+from gantrysim.base.errors import InputError, whole_number
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import NOZZLE, Machine
@@ -16,7 +16,7 @@ from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
 from gantrysim.render.flight import Flight, View
 from gantrysim.render.framing import FIELD_OF_VIEW, Framing
-from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen
+from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen_context
 from gantrysim.render.scene import GLOSS, Scene
 
 # The geoms of a model in an order in which a renderer without a GPU draws them soon.
@@ -218,7 +218,7 @@ def checked_size(name: str, size: tuple[int, int]) -> tuple[int, int]:
         InputError: not whole numbers from 1 to 8192.
     """
     for side, pixels in zip(("width", "height"), size, strict=True):
-        if whole(f"{side} of the {name}", pixels, 1) > _LARGEST_SIDE:
+        if whole_number(f"{side} of the {name}", pixels, 1) > _LARGEST_SIDE:
             raise InputError(f"{side} of the {name} = {pixels:g} pixels: must be at most {_LARGEST_SIDE} pixels")
     return int(size[0]), int(size[1])
 
@@ -280,7 +280,7 @@ class Renderer(Closing):
         self._inset = None if self.framing is None else Inset.of(self.scene, self.framing, self.size)
         self._tip = int(model.site(NOZZLE).id)
         self._lights = self._refined_lights()
-        self._gl = offscreen(width, height)
+        self._gl = offscreen_context(width, height)
         try:
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         except mujoco.FatalError as error:

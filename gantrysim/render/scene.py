@@ -262,10 +262,6 @@ class Scene:
         """Names of the machine's cameras, empty for one without."""
         return [mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_CAMERA, i) or "" for i in range(self.model.ncam)]
 
-    def has_camera(self, name: str) -> bool:
-        """Return whether the machine has a camera of a name."""
-        return name in self._cameras
-
     def camera(self, name: str | None = None) -> mujoco.MjvCamera:
         """Return the named camera, by default "overview", or a view of everything on a machine without that.
 

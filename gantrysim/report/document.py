@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.quantity import Quantity, number_text
+from gantrysim.base.quantity import Quantity, number_text, with_minus
 from gantrysim.results.colours import INK
 
 LEAD = 30  # words of the sentence with which a page begins
@@ -171,14 +171,9 @@ def lead_of(text: str) -> str:
     return sentence if end is None else f"{sentence[:end]}."
 
 
-def with_minus(text: str) -> str:
-    """Return a number as text with a minus sign in the place of a hyphen."""
-    return f"−{text[1:]}" if text.startswith("-") else text
-
-
 def _cell(cell: Any, form: str) -> str:
     if isinstance(cell, str):
         return cell
     if isinstance(cell, bool):
         return "yes" if cell else "no"
-    return with_minus(str(cell) if isinstance(cell, Integral) else number_text(cell, form))
+    return with_minus(str(cell)) if isinstance(cell, Integral) else number_text(cell, form)

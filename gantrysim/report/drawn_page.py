@@ -10,8 +10,10 @@ from importlib.resources import files
 from typing import Any
 
 from gantrysim.base.files import replaced_file
+from gantrysim.base.quantity import joined
 from gantrysim.report.answer import written_on
 from gantrysim.report.document import Section
+from gantrysim.report.encoding import packed
 from gantrysim.report.figures import Figures, figures_of, section_name, several
 from gantrysim.results.colours import css_variables
 
@@ -69,7 +71,7 @@ class DrawnPage:
 
         folder = files("gantrysim.report")
         environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-        environment.filters.update(several=several, base64=_base64)
+        environment.filters.update(several=several, base64=_base64, joined=joined, packed=packed)
         template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
         return template.render(
             title=self.title,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import gzip
+import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -19,17 +21,24 @@ _DIFFERENCE = 127  # largest difference of 8 bits
 _JUMP = -128  # in place of a larger one
 
 
-def encoded_numbers(values: Floats) -> dict[str, Any]:
+def packed(text: str) -> str:
+    """Return a text compressed by gzip, in base64, which a page expands; the same text gives the same characters."""
+    return _text(gzip.compress(text.encode("utf-8"), mtime=0))
+
+
+def encoded_numbers(values: Floats, resolution: float = 0.0) -> dict[str, Any]:
     """Return numbers as 16-bit codes.
 
-        value = offset + scale * code,        scale = (largest - smallest) / 65534
+        value = offset + scale * code,        scale = (largest - smallest) / n,        n = 65534 or less
 
-    A decoded value differs from the true one by at most scale / 2, 0.0008 % of the column's range. NaN has the
-    code 65535. Where it is shorter, differences of neighbouring codes are stored instead, from 0 to the first one on, a
-    byte each; -128 stands for a larger difference, and the next of the jumps is the code there.
+    A decoded value differs from the true one by at most scale / 2: 0.0008 % of the column's range, or half of the
+    resolution where that is more. The least and the largest value are exact. NaN has the code 65535. Where it is
+    shorter, differences of neighbouring codes are stored instead, from 0 to the first one on, a byte each; -128 stands
+    for a larger difference, and the next of the jumps is the code there.
 
     Args:
         values: (n,); NaN where there is none.
+        resolution: finer steps than this show nothing, and only make a page large; in the unit of the values.
 
     Returns:
         "kind", "u16" or "d8"; "offset", "scale"; "data", and of "d8" "jumps", base64 of little-endian integers.
@@ -37,7 +46,8 @@ def encoded_numbers(values: Floats) -> dict[str, Any]:
     known = np.isfinite(values)
     low = float(values[known].min()) if known.any() else 0.0
     high = float(values[known].max()) if known.any() else 0.0
-    step = (high - low) / STEPS
+    steps = min(math.ceil((high - low) / resolution), STEPS) if resolution > 0 else STEPS
+    step = (high - low) / max(steps, 1)
     scale = step if step > 0 else 1.0  # of a constant column
     codes = np.full(values.size, MISSING, np.int64)
     codes[known] = np.rint((values[known] - low) / scale).astype(np.int64)
@@ -49,10 +59,10 @@ def encoded_numbers(values: Floats) -> dict[str, Any]:
         return {
             "kind": "d8",
             **numbers,
-            "data": _text(differences.astype("i1")),
-            "jumps": _text(codes[jump].astype("<u2")),
+            "data": _text(differences.astype("i1").tobytes()),
+            "jumps": _text(codes[jump].astype("<u2").tobytes()),
         }
-    return {"kind": "u16", **numbers, "data": _text(codes.astype("<u2"))}
+    return {"kind": "u16", **numbers, "data": _text(codes.astype("<u2").tobytes())}
 
 
 def encoded_ascending(values: NDArray[np.intp]) -> dict[str, Any]:
@@ -61,7 +71,7 @@ def encoded_ascending(values: NDArray[np.intp]) -> dict[str, Any]:
     Differences above 65535 do not occur between the rows of a page, whose number is bounded above.
     """
     differences = np.diff(values)
-    data = "" if np.all(differences == 1) else _text(differences.astype("<u2"))
+    data = "" if np.all(differences == 1) else _text(differences.astype("<u2").tobytes())
     return {"kind": "ascending", "first": int(values[0]), "data": data}
 
 
@@ -72,8 +82,8 @@ def encoded_runs(values: NDArray[Any]) -> dict[str, Any]:
     return {"kind": "runs", "values": values[starts].astype(int).tolist(), "counts": counts.tolist()}
 
 
-def _text(values: NDArray[Any]) -> str:
-    return base64.b64encode(values.tobytes()).decode("ascii")
+def _text(content: bytes) -> str:
+    return base64.b64encode(content).decode("ascii")
 
 
 # Thinning of columns to the rows that a page shows, so that the extremes of every column remain.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.files import check_free, held_folder, pending, replaced_files
 from gantrysim.job.basis import Basis
 from gantrysim.job.job import Job
@@ -53,7 +53,7 @@ class Output:
         Raises:
             InputError: it is a file, or holds files of these names without `mark`, or folders of these names.
         """
-        target = expanded(folder).absolute()
+        target = expanded_path(folder).absolute()
         if target.exists() and not target.is_dir():
             raise InputError(f"--out {folder}: is a file, must be a folder")
         # files are on their way: looked at by `written`, once the folder is held
@@ -69,7 +69,7 @@ class Output:
 
     def names_in(self, folder: Path) -> list[str]:
         """Return the names of the files in a folder, and of the folder of plots, that such a command has written."""
-        return sorted({name.partition("/")[0] for name in self.files if (expanded(folder) / name).exists()})
+        return sorted({name.partition("/")[0] for name in self.files if (expanded_path(folder) / name).exists()})
 
     @contextmanager
     def held(self, folder: Path) -> Iterator[None]:

@@ -124,8 +124,8 @@ def _margins(loops: dict[str, AxisLoop]) -> Table:
     rows = [
         [
             axis,
-            *(quantity.scaled(quantity.get(loop.margins)) for quantity in shown),
-            *(quantity.scaled(quantity.get(loop)) for quantity in ripples),
+            *(quantity.in_unit(quantity.get(loop.margins)) for quantity in shown),
+            *(quantity.in_unit(quantity.get(loop)) for quantity in ripples),
         ]
         for axis, loop in loops.items()
     ]

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.files import check_whole
 from gantrysim.base.toml_files import read_toml
 from gantrysim.job.content import content_digest
@@ -59,7 +59,7 @@ class SavedRun:
             InputError: no such folder, no run in it, a record that is damaged or of another format, a job that is not
                 the record's, or a machine that is missing or has other axes now.
         """
-        where = expanded(folder)
+        where = expanded_path(folder)
         place = Path(folder)
         if not where.exists():
             raise InputError(f"run {place}: no such folder; gantrysim run JOB --out {place} makes one")
@@ -84,7 +84,7 @@ class SavedRun:
                 f"with gantrysim run {place / JOB}"
             )
         job = Job.of_record(where / JOB)
-        if job.machine not in builtin_models() and not expanded(job.machine).is_file():
+        if job.machine not in builtin_models() and not expanded_path(job.machine).is_file():
             raise InputError(
                 f"run {place}: its machine {job.machine} is missing: set machine in {place / JOB} to a file, or "
                 f"to one of {', '.join(builtin_models())}"
@@ -96,7 +96,7 @@ class SavedRun:
     @property
     def is_current(self) -> bool:
         """Whether the folder still holds this record, not a later run's."""
-        return _written(expanded(self.folder)) == self.written
+        return _written(expanded_path(self.folder)) == self.written
 
 
 def _written(folder: Path) -> int:

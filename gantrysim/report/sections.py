@@ -17,7 +17,7 @@ from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG, LAG, PROGRAM
 from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartValues
 from gantrysim.record.run import Run
-from gantrysim.report.document import Column, Section, Table, with_minus
+from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.headline import NO_ERROR, contour_sentence
 from gantrysim.report.plots.bead import draw_bead_along
 from gantrysim.report.plots.budget import draw_by_turn, draw_shares
@@ -66,9 +66,9 @@ def budget_section(results: RunResults) -> Section:
     numbers: list[str | Column] = [*(Column.of(quantity) for quantity in shown), "x, y, z [mm]"]
 
     def row(part: PartValues, *labels: str) -> list[str | float | None]:
-        point = ",\N{NO-BREAK SPACE}".join(with_minus(number_text(place, ".1f")) for place in part.point)
+        point = ",\N{NO-BREAK SPACE}".join(number_text(place, ".1f") for place in part.point)
         where = [None] * 3 if part.rms < NO_ERROR else [part.s, part.time, point]
-        return [*labels, *(quantity.scaled(quantity.get(part)) for quantity in (_SHARE, *PART_SIZES)), *where]
+        return [*labels, *(quantity.in_unit(quantity.get(part)) for quantity in (_SHARE, *PART_SIZES)), *where]
 
     links = Table(
         ["link", "span", *numbers],
@@ -113,8 +113,8 @@ def _turns(budget: Budget) -> Table:
         [
             turn.name,
             *turn.s,
-            *(_RMS.scaled(turn.parts[name].rms) for name in names),
-            _MAX.scaled(turn.parts["contour"].max),
+            *(_RMS.in_unit(turn.parts[name].rms) for name in names),
+            _MAX.in_unit(turn.parts["contour"].max),
         ]
         for turn in budget.values.turns
     ]
@@ -128,7 +128,7 @@ def errors_section(analysis: Analysis) -> Section:
     errors = [(axis, THOUSANDTH[unit], values.following[axis]) for axis, unit in zip(run.axes, run.units, strict=True)]
     errors.append(("along the path", FOLLOWING_ALONG.unit, values.following_along))
     rows = [
-        [name, unit, FOLLOWING_ALONG.scaled(error.rms), FOLLOWING_ALONG.scaled(error.max)]
+        [name, unit, FOLLOWING_ALONG.in_unit(error.rms), FOLLOWING_ALONG.in_unit(error.max)]
         for name, unit, error in errors
     ]
     return Section(
@@ -240,7 +240,7 @@ def _bead_sizes(values: BeadValues) -> Table:
     return Table(
         ["", "unit", *(Column(statistic.label, ".2f") for statistic in RANGE)],
         [
-            [quantity.label, quantity.unit, *(quantity.scaled(getattr(sizes, statistic.name)) for statistic in RANGE)]
+            [quantity.label, quantity.unit, *(quantity.in_unit(getattr(sizes, statistic.name)) for statistic in RANGE)]
             for quantity, sizes in ranges
             if sizes is not None
         ],
@@ -267,7 +267,7 @@ def _volumes(values: BeadValues) -> Table:
 
 def facts_of(rows: Iterable[RowTexts]) -> list[RowTexts]:
     """Return rows of name, value and remark as facts of a page."""
-    return [(f"{name[0].upper()}{name[1:]}", with_minus(value), with_minus(remark)) for name, value, remark in rows]
+    return [(f"{name[0].upper()}{name[1:]}", value, remark) for name, value, remark in rows]
 
 
 def _coarse_bead(figure: Figure, bead: Bead) -> None:

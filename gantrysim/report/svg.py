@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import re
 from html import escape
@@ -29,8 +30,10 @@ _ROOT = re.compile(r"<svg[^>]*>\s*")
 _VIEW_BOX = re.compile('viewBox="[^"]*"')
 _STYLE_SHEET = re.compile("<style.*?</style>", re.DOTALL)
 _TAG = re.compile("<[^>]*>")
+_IMAGE = re.compile(r"(data:image/png;base64,)([^\"]*)")
 _PATH = re.compile(' d="[^"]*"')
-_FURTHER_DIGITS = re.compile(r"(\.\d\d)\d+")
+_COMMAND = re.compile(r"([MLQCz])\s*([-\d.\s]*)")
+_HUNDREDTHS = 100.0
 _ID = re.compile(r'( id="|href="#|url\(#)([^")]+)')
 
 
@@ -38,8 +41,9 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     """Return a figure as an SVG element of an HTML page.
 
     It has no external references and no size but its view box; its ids begin with `prefix`. Black and the plots' ink
-    become the text colour of the page. Coordinates of lines are cut to hundredths of a point, and lines simplified
-    within a quarter of one. Formulas should use plain characters, as √12: a page lacks the fonts of mathtext.
+    become the text colour of the page. Coordinates of lines are rounded to hundredths of a point and written as steps
+    from the point before, and lines simplified within a quarter of a point. Formulas should use plain characters, as
+    √12: a page lacks the fonts of mathtext.
     """
     svg = _saved_svg(figure)
     if any(len(path) > _LONGEST for path in _PATH.findall(svg)):
@@ -50,7 +54,7 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     assert root is not None
     assert view_box is not None
     # it would apply to the whole page
-    content = _STYLE_SHEET.sub("", svg[root.end() :])
+    content = _IMAGE.sub(_small_image, _STYLE_SHEET.sub("", svg[root.end() :]))
     ids: dict[str, str] = {}
 
     def new_id(match: re.Match[str]) -> str:
@@ -58,11 +62,48 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
         return match[1] + ids.setdefault(match[2], f"{prefix}-{len(ids) + 1}")
 
     def adapted(tag: re.Match[str]) -> str:
-        text = _PATH.sub(lambda path: _FURTHER_DIGITS.sub(r"\1", path[0]), tag[0])
+        text = _PATH.sub(_short_path, tag[0])
         return _ID.sub(new_id, text).replace("#000000", "currentColor").replace(INK, "currentColor")
 
     title = f'<title id="{prefix}-title">{escape(alternative)}</title>'
     return f'<svg {view_box[0]} role="img" aria-labelledby="{prefix}-title">{title}{_TAG.sub(adapted, content)}'
+
+
+def _short_path(match: re.Match[str]) -> str:
+    """Return the attribute d of a path with its points as steps of hundredths, which is half as long."""
+    path = ""
+    last = ""
+    x = y = 0
+    start = (0, 0)
+    for command, text in _COMMAND.findall(match[0]):
+        numbers = [round(_HUNDREDTHS * float(number)) for number in text.split()]
+        steps = [number - (x, y)[k % 2] for k, number in enumerate(numbers)]
+        # steps of a line follow one another without its letter
+        letter = "" if command == last == "L" else command.lower()
+        path += letter + "".join(map(_hundredths, steps)).removeprefix(" " if letter else "")
+        last = command
+        x, y = numbers[-2:] if numbers else start
+        start = (x, y) if command == "M" else start
+    return f' d="{path}"'
+
+
+def _small_image(match: re.Match[str]) -> str:
+    """Return an image with the 256 colours that are nearest to its own, where it is shorter so."""
+    from PIL import Image  # slow to import
+
+    picture = Image.open(io.BytesIO(base64.b64decode(match[2])))
+    few = picture.quantize(method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    file = io.BytesIO()
+    few.save(file, format="png", optimize=True)
+    short = base64.b64encode(file.getvalue()).decode("ascii")
+    return match[1] + min(match[2], short, key=len)
+
+
+def _hundredths(number: int) -> str:
+    """Return a number of hundredths with what parts it from the one before."""
+    ones, hundredths = divmod(abs(number), 100)
+    text = f"{ones or ''}.{hundredths:02d}".rstrip("0").rstrip(".") or "0"
+    return f"-{text}" if number < 0 else f" {text}"
 
 
 def _saved_svg(figure: Figure) -> str:

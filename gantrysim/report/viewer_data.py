@@ -41,25 +41,30 @@ from gantrysim.results.run_results import RunResults
 # Only jobs whose bead leaves a plane have the view, see `gantrysim.glue.bead.trace`.
 
 POSES = 800  # of the machine in a run, between which the page interpolates by cubics
+_FEWEST_POSES = 100
 _CONSTANT = 1e-6  # extent of a coordinate below which it is one number [mm, or of a quaternion]
 
 
-def space_content(results: RunResults) -> dict[str, Any]:
-    """Return the gap, and the machine in poses at ticks evenly spread over the run.
+def space_content(results: RunResults, poses: int = POSES) -> dict[str, Any]:
+    """Return the gap and the machine in so many poses, at ticks evenly spread over the run, and its solids apart.
 
     The gap between nozzle and surface is in mm, positions and sizes of the machine are in mm in the frame of the work.
+    The solids of each part are those of other runs, too, so that they need not be sent again.
     """
     run = results.budget.analysis.run
-    ticks = pose_ticks(run)
+    ticks = pose_ticks(run, poses)
     parts = outline(results.machine, run.encoder[ticks])
     gap = run.gap if results.bead is None else results.bead.gap
-    return {"gap": gap, "poses": int(ticks.size), "parts": [_part_content(part) for part in parts]}
+    return {
+        "space": {"gap": gap, "poses": int(ticks.size), "parts": [_part_content(part) for part in parts]},
+        "solids": [[_solid_content(solid) for solid in part.solids] for part in parts],
+    }
 
 
-def pose_ticks(run: Run) -> NDArray[np.intp]:
+def pose_ticks(run: Run, poses: int = POSES) -> NDArray[np.intp]:
     """Return the ticks of the poses, evenly spread and no more than the run has, (poses,)."""
     last = len(run.time) - 1
-    return np.rint(np.linspace(0, last, min(POSES, last + 1))).astype(np.intp)
+    return np.rint(np.linspace(0, last, min(poses, last + 1))).astype(np.intp)
 
 
 def bead_height(bead: Bead, rows: NDArray[np.intp]) -> Floats:
@@ -70,7 +75,6 @@ def bead_height(bead: Bead, rows: NDArray[np.intp]) -> Floats:
 def _part_content(part: Part) -> dict[str, Any]:
     return {
         "name": part.name,
-        "solids": [_solid_content(solid) for solid in part.solids],
         "pose": [_coordinate_content(values) for values in (*part.position.T, *part.rotation.T)],
     }
 
@@ -94,6 +98,13 @@ _CORNER_DECIMALS = 4
 _DOT_DECIMALS = 4
 _DIGITS = 3  # significant, of a column's largest value
 _PLACE_DECIMALS = 2  # [mm]
+# finest steps of columns: of the last digit that is shown; of the nozzle's offset, which the plan magnifies up to 1000
+# times, and of a height [mm]
+_STEP_OF_DIGIT = 0.1
+_OFFSETS = ("dx", "dy")
+_PLACES = ("s", "x", "y", "z")  # as fine as 16 bits are
+_OFFSET_STEP = 1e-5
+_HEIGHT_STEP = 1e-4
 
 ERROR = "error"
 BEAD = "bead"
@@ -153,11 +164,13 @@ class ViewerData:
     Args:
         results: of the run.
         most: about the largest number of ticks shown.
+        flat_in_space: whether a bead that leaves no plane has the 3-D view too.
     """
 
-    def __init__(self, results: RunResults, most: int = MOST_ROWS) -> None:
+    def __init__(self, results: RunResults, most: int = MOST_ROWS, *, flat_in_space: bool = False) -> None:
         self.results = results
         self._most = most
+        self._flat_in_space = flat_in_space
 
     @cached_property
     def series(self) -> tuple[Series, ...]:
@@ -167,8 +180,8 @@ class ViewerData:
 
     @cached_property
     def in_space(self) -> bool:
-        """Whether the page has a 3-D view: the bead leaves a plane."""
-        return leaves_plane(self.results.budget.analysis.run)
+        """Whether there is a 3-D view: the bead leaves a plane, or flat ones have it too."""
+        return self._flat_in_space or leaves_plane(self.results.budget.analysis.run)
 
     @property
     def _bead(self) -> Bead | None:
@@ -279,12 +292,14 @@ class ViewerData:
         contents = []
         for series in self.series:
             values = series.at(rows)
-            columns[series.name] = encoded_numbers(values)
-            contents.append(series.content(values))
+            shown = series.content(values)
+            finest = _OFFSET_STEP if series.name in _OFFSETS else _STEP_OF_DIGIT * 10.0 ** -shown["decimals"]
+            columns[series.name] = encoded_numbers(values, 0.0 if series.name in _PLACES else finest)
+            contents.append(shown)
         verdict = self.results.verdict
         bead = self._bead
         if self.in_space and bead is not None:
-            columns["height"] = encoded_numbers(bead_height(bead, rows))
+            columns["height"] = encoded_numbers(bead_height(bead, rows), _HEIGHT_STEP)
         return {
             "rows": int(rows.size),
             "ticks": len(run.time),
@@ -302,8 +317,13 @@ class ViewerData:
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": self._width_tolerance,
             "dots": [_dot_content(verdict, rows) for verdict in self.results.dots],
-            "space": space_content(self.results) if self.in_space else None,
+            **(space_content(self.results, self._poses) if self.in_space else {"space": None, "solids": None}),
         }
+
+    @property
+    def _poses(self) -> int:
+        """Number of the machine's poses: of fewer rows there are fewer, which take longer than the rows."""
+        return max(POSES * self._most // MOST_ROWS, _FEWEST_POSES)
 
     def text(self) -> str:
         """Return the content as JSON that may stand in an HTML script element."""

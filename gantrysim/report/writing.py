@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from gantrysim.base.errors import expanded
+from gantrysim.base.errors import expanded_path
 from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.glue.bead import Bead
 from gantrysim.job.basis import Basis
@@ -55,7 +55,7 @@ def write_report(
         InputError: the folder cannot be written, or the dispenser is never on in a run without a fault.
     """
     # checked as written, and shown so
-    expanded(folder)
+    expanded_path(folder)
     target = Path(folder)
     with output_folder(target) as scratch, shown_progress("report", progress) as advance:
         if run.fault is not None and not run.dispense.any():
@@ -64,7 +64,8 @@ def write_report(
         results = results_of(job, run, causes)
         write_run(scratch, results)
         figures = figures_ahead(sections_with_figures(results), scratch / PLOTS)
-        save_plots(results.budget, scratch / PLOTS, bead=results.bead, only_missing=True)
+        check = results.verdict.placed_check
+        save_plots(results.budget, scratch / PLOTS, bead=results.bead, only_missing=True, check=check)
         proposal = changes(job, results.verdict) if changes is not None and isinstance(job, Job) else None
         if proposal is not None:
             write_summary(scratch, results, proposal)

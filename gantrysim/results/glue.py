@@ -236,12 +236,28 @@ def _remedy(tick: int, bead: Bead) -> str:
     """Return what prevents a pass through glue, in words."""
     run = bead.run
     if run.dispense[tick - 1]:
-        return "the path crosses its own bead while it dispenses"
+        return (
+            "the path crosses its own bead while it dispenses: lay it without crossings, or lift the needle over them "
+            "with the valve closed"
+        )
     height = run.nozzle[:, 2] - bead.surface()
     top = max([float(bead.nominal_section.height[0]), *(dot.cap.height for dot in bead.dots)])
     if float(height.max()) > top + bead.gap:
         return "lift the needle before this dry move"
-    return "it never lifts: lift it before dry moves, on a machine with a z axis, or lead them around the bead"
+    where = "" if "z" in run.axes else ", on a machine with a z axis"
+    return f"it never lifts: lift it before dry moves{where}, or lead them around the bead"
+
+
+def ploughing_reason(row: Row) -> str:
+    """Return why the needle passes through glue, and what prevents it; empty where a row's worst check is another."""
+    check = row.worst_check
+    # the last part of the remark
+    return row.remark.rpartition("; ")[2] if check is not None and check.name == PLOUGHED.name else ""
+
+
+def ploughing_remedy(row: Row) -> str:
+    """Return what prevents the passes of the needle through glue, as an order, likewise."""
+    return ploughing_reason(row).rpartition(": ")[2]
 
 
 def _counted_noun(number: int, noun: str) -> str:

@@ -6,8 +6,10 @@ A verdict that passes has the burden 0, as a usage up to 80 % of the limit is a 
 check: halving the path's worst value is worth as much as halving the bead's. All checks count, not only the worst of a
 row: a check without measure, as of a bead that the needle ploughs, would hide what a lever does to the bead's width.
 The cap keeps a usage without bound, as that of an unstable loop, finite and comparable: a check weighs at most
-ln(1250) = 7.1. One that is not judged weighs nothing; a row that fails without a check, as where no glue comes out,
-weighs as much as the cap. A run that ends in a fault, or is refused, has the burden inf, which is worse than all.
+ln(1250) = 7.1, and where its limit is 0, as for a ploughed bead, ln(1 + value in its unit) / 4 more, so that a change
+which prevents most of it counts, and one that hardly changes it does not. One that is not judged weighs nothing; a row
+that fails without a check, as where no glue comes out, weighs as much as the cap. A run that ends in a fault, or is
+refused, has the burden inf, which is worse than all.
 """
 
 from __future__ import annotations
@@ -15,16 +17,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from gantrysim.results.checks import NEAR_LIMIT
+from gantrysim.results.checks import FAIL, NEAR_LIMIT
 from gantrysim.results.row import Row
 from gantrysim.results.verdict import Verdict
 
 CAP = 1000.0  # of a usage
+_OF_ZERO = 0.25  # weight of the size of a value whose limit is 0
 
 
 def usage_of(row: Row) -> float:
     """Return the usage of a row's worst check, nan where none is judged; `CAP` for a failure without a check."""
-    return max(_counted(row), default=math.nan)
+    return max(_counted_usages(row), default=math.nan)
 
 
 def usages_of(row: Row) -> list[float]:
@@ -32,13 +35,14 @@ def usages_of(row: Row) -> list[float]:
     return [check.usage for check in row.checks if not math.isnan(check.usage)]
 
 
-def _counted(row: Row) -> list[float]:
+def _counted_usages(row: Row) -> list[float]:
     return [*usages_of(row), *([CAP] if row.fails_without_check else [])]
 
 
 def row_burden(row: Row) -> float:
     """Return what a row adds to the burden of its verdict."""
-    return burden_of_usages(_counted(row))
+    without_bound = (check for check in row.checks if check.limit == 0 and check.state == FAIL)
+    return burden_of_usages(_counted_usages(row)) + _OF_ZERO * sum(math.log1p(check.value) for check in without_bound)
 
 
 def burden_of_usages(usages: Iterable[float]) -> float:

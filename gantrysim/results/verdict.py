@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.display import Shown
-from gantrysim.base.quantity import MAX, P95
+from gantrysim.base.quantity import MAX, P95, number_text
 from gantrysim.engine.recording import dispenser_loads
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.dispenser.driven import Load
@@ -152,14 +152,19 @@ class Verdict(Shown):
         return None if row is None else row.worst_check
 
     @property
-    def worst_place(self) -> Place | None:
-        """Where the run is worst: of the worst value whose time is known, also in a run that passes; None without any.
+    def placed_check(self) -> Check | None:
+        """The worst value whose time is known, also of a run that passes; None without any.
 
         Stability has no place: the next row by severity then has the worst one.
         """
         rows = sorted(self.rows, key=lambda row: row.severity, reverse=True)
-        checks = [check for row in rows for check in row.checks if check.place.time is not None]
-        return checks[0].place if checks else None
+        return next((check for row in rows for check in row.checks if check.place.time is not None), None)
+
+    @property
+    def worst_place(self) -> Place | None:
+        """Where the run is worst: the place of `placed_check`; None without any."""
+        check = self.placed_check
+        return None if check is None else check.place
 
     @property
     def headline(self) -> str:
@@ -249,6 +254,16 @@ def stability_row(job: Basis, margins: tuple[Margins, ...] | None, tolerance: To
     )
 
 
+def motion_rows(job: Basis, budget: Budget) -> Iterator[Row]:
+    """Yield the rows of the verdict on a complete run of a job that its glue does not change, the cheapest first."""
+    run = budget.analysis.run
+    tolerance = job.limits(run.face)
+    line_at = program_lines(job, len(run.time))
+    yield stability_row(job, job.margins, tolerance)
+    yield machine_row(job, run, tolerance, places_of(run, line_at))
+    yield path_row(budget.contour_values, tolerance, line_at)
+
+
 def machine_verdict(job: Basis, run: Run) -> Row:
     """Return the verdict on the drives of a complete run of a job, which needs neither budget nor bead."""
     tolerance = job.limits(run.face)
@@ -274,7 +289,7 @@ def _stall(loads: Iterable[Load], run: Run) -> str:
     if not exceeded:
         return ""
     first = min(exceeded, key=lambda load: load.tick)
-    asked = f"{first.name} {first.value:.4g} {first.unit}, limit {first.limit:.4g} {first.unit}"
+    asked = f"{first.name} {number_text(first.value, '.4g')} {first.unit}, limit {first.limit:.4g} {first.unit}"
     return f"the dispenser's motor {first.event} at t = {run.time[first.tick]:.4f} s: {asked}"
 
 

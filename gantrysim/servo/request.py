@@ -9,7 +9,16 @@ from functools import cached_property
 from inspect import signature
 from typing import Any, NamedTuple
 
-from gantrysim.base.errors import InputError, at_least, between, finite, positive, unknown_text, whole, wrong_type
+from gantrysim.base.errors import (
+    InputError,
+    at_least,
+    between,
+    finite,
+    positive,
+    unknown_text,
+    whole_number,
+    wrong_type,
+)
 from gantrysim.servo.axis_dynamics import AxisDynamics, Lags
 from gantrysim.servo.axis_loop import LoopTask
 from gantrysim.servo.drive_settings import (
@@ -90,7 +99,7 @@ def check_drive_period(drive_period: float, period: float, mode: Sequence[str]) 
 
 def check_whole(name: str, value: float, most: int) -> None:
     """Raise InputError unless a value is a whole number from 0 to the most."""
-    between(name, whole(name, value, 0), 0, most)
+    between(name, whole_number(name, value, 0), 0, most)
 
 
 def check_modes(what: str, modes: Sequence[str]) -> None:

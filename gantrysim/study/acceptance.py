@@ -9,12 +9,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from gantrysim.base.errors import InputError, positive, shown, unknown
+from gantrysim.base.errors import InputError, positive, short_text, unknown
 from gantrysim.base.quantity import MAX, P95, RMS, SHARE, STD, numbers_of
+from gantrysim.engine.recording import needle_values
 from gantrysim.glue.bead.values import VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.error_quantities import ERRORS, MOTION, SPACING, SPEED, SPEED_RIPPLE
+from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, UNJUDGED, WARN
 from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY
 from gantrysim.study.cases import ASPECTS, LIMIT_USE, OK, Row, check_column, state_column, use_column
@@ -166,6 +168,11 @@ def improve_command(job: Job) -> str:
     """Return the command that simulates the levers of a job: by its name, or by the file in the study's folder."""
     is_built_in = job.name in builtin_jobs() and Job.load(job.name).toml() == job.toml()
     return f"gantrysim improve {job.name if is_built_in else _JOB_FILE}"
+
+
+def path_limit(job: Job) -> float:
+    """Return the largest contour error that the tolerance of a job admits [mm]."""
+    return job.limits(needle_values(job.built_machine, job.dispenser).get("face", Run.face)).path_max
 
 
 def settings_text(changes: Mapping[str, Any]) -> str:
@@ -369,7 +376,7 @@ class ToleranceStudy(Study):
         if self.tolerance is not None:
             return Criterion(self.metric or _METRIC, self.tolerance)
         if self.metric is not None:
-            figure = shown(self.metric)
+            figure = short_text(self.metric)
             raise InputError(f"figure = {figure}: needs a tolerance; without both, the job's own limits apply")
         return JobCriterion()
 

@@ -12,7 +12,7 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from gantrysim.base.errors import whole
+from gantrysim.base.errors import whole_number
 from gantrysim.base.signals import blocked, deferred, end_with
 from gantrysim.study.backends import cluster_in_use
 from gantrysim.study.cases import Case, Row, measure
@@ -62,7 +62,7 @@ def run_cases(
         WorkerError: a worker ended, or differs from this process in its versions or machines.
     """
     if workers is not None:
-        whole("workers", workers, 1)
+        whole_number("workers", workers, 1)
     keys = [case.key for case in cases]
     missing = {key: case for key, case in zip(keys, cases, strict=True) if key not in ledger}
     total = len(set(keys))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.heads import NUMBER
 from gantrysim.base.input_files import opened_file
 from gantrysim.base.toml_files import read_text
@@ -111,7 +111,7 @@ def read_table(file: str | Path, blocks: int = 0) -> ColumnTable:
         InputError: no such file, or a line that cannot be read.
     """
     label = str(file)
-    path = expanded(file)
+    path = expanded_path(file)
     try:
         with opened_file(path, label) as stream:
             reader = binary_reader(stream.read(_HEAD))

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from gantrysim.base.arrays import LastCall, at_rows, extremes, lengths, scaled_rows, seen
+from gantrysim.base.arrays import LastCall, at_rows, extremes, lengths, read_only_view, scaled_rows
 
 
 def test_the_last_result_is_that_of_the_same_arguments():
@@ -49,7 +49,7 @@ def test_another_thread_does_not_replace_the_result_between_comparison_and_retur
 
 def test_a_view_that_is_seen_cannot_be_written_to():
     array = np.zeros(3)
-    view = seen(array)
+    view = read_only_view(array)
     assert view.base is array
     assert not view.flags.writeable
     assert array.flags.writeable

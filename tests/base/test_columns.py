@@ -88,7 +88,7 @@ def test_a_table_of_a_file_is_pickled_as_arrays(in_a_file):
 def test_a_file_is_closed_with_the_last_user_of_its_columns():
     table = FileTable(ROWS, {"number": (np.dtype(float), ())})
     table.write(0, {"number": NUMBER})
-    file, stored = weakref.ref(table._file.raw), table.stored(ROWS)["number"]
+    file, stored = weakref.ref(table._file.raw), table.first_rows(ROWS)["number"]
     del table
     gc.collect()
     np.testing.assert_array_equal(stored.array(), NUMBER)
@@ -101,8 +101,8 @@ def test_blocks_may_be_written_in_any_order():
     table = FileTable(ROWS, {"number": (np.dtype(float), ()), "point": (np.dtype(float), (3,))})
     table.write(600, {"point": POINT[600:], "number": NUMBER[600:]})
     table.write(0, {"number": NUMBER[:600], "point": np.asfortranarray(POINT[:600])})
-    np.testing.assert_array_equal(table.stored(ROWS)["number"].array(), NUMBER)
-    np.testing.assert_array_equal(table.stored(ROWS)["point"].array(), POINT)
+    np.testing.assert_array_equal(table.first_rows(ROWS)["number"].array(), NUMBER)
+    np.testing.assert_array_equal(table.first_rows(ROWS)["point"].array(), POINT)
 
 
 @pytest.mark.parametrize("size", [1, 7, ROWS - 1, ROWS, 2 * ROWS])

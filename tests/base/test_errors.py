@@ -16,12 +16,12 @@ from gantrysim.base.errors import (
     finite,
     meant_names,
     nearest,
-    place,
-    point,
+    plane_point,
     positive,
+    space_point,
     text_of,
     unknown,
-    whole,
+    whole_number,
 )
 
 
@@ -40,10 +40,10 @@ from gantrysim.base.errors import (
         (lambda: at_least("turns", 5, 1, most=4), "turns = 5: must be at most 4"),
         (lambda: between("share", -0.1, 0, 1, "%"), "share = -0.1 %: must be 0 to 1 %"),
         (lambda: between("share", 1.1, 0, 1), "share = 1.1: must be 0 to 1"),
-        (lambda: point("centre", (1, 2, 3)), "centre = (1, 2, 3): must be two numbers, x and y [mm]"),
-        (lambda: point("centre", (1, math.nan)), "centre y = nan mm: must be finite"),
-        (lambda: place("start", (1,)), "start of 1 numbers: must be x, y[, z]"),
-        (lambda: place("start", (1, 2, math.inf)), "start z = inf mm: must be finite"),
+        (lambda: plane_point("centre", (1, 2, 3)), "centre = (1, 2, 3): must be two numbers, x and y [mm]"),
+        (lambda: plane_point("centre", (1, math.nan)), "centre y = nan mm: must be finite"),
+        (lambda: space_point("start", (1,)), "start of 1 numbers: must be x, y[, z]"),
+        (lambda: space_point("start", (1, 2, math.inf)), "start z = inf mm: must be finite"),
         (lambda: finite("flow", "200", "mm³/s"), "flow = '200': must be a number"),
         (lambda: check_one_of("kind", 5, ("valve", "jet")), "unknown kind 5: known: jet, valve"),
         (
@@ -54,9 +54,9 @@ from gantrysim.base.errors import (
             lambda: check_type("budget", "x", float, "a Budget", "write Budget(run)"),
             "budget is of type str: must be a Budget; write Budget(run)",
         ),
-        (lambda: whole("repeats", 2.5, 1), "repeats = 2.5: must be a whole number"),
-        (lambda: whole("repeats", 0, 1), "repeats = 0: must be at least 1"),
-        (lambda: whole("repeats", 2.0**60, 1), "repeats = 1.15292e+18: must be at most 9.0072e+15"),
+        (lambda: whole_number("repeats", 2.5, 1), "repeats = 2.5: must be a whole number"),
+        (lambda: whole_number("repeats", 0, 1), "repeats = 0: must be at least 1"),
+        (lambda: whole_number("repeats", 2.0**60, 1), "repeats = 1.15292e+18: must be at most 9.0072e+15"),
     ],
 )
 def test_a_refusal_names_quantity_value_and_bound(call, text):
@@ -68,9 +68,13 @@ def test_a_refusal_names_quantity_value_and_bound(call, text):
 def test_values_at_their_bounds_are_taken():
     assert (finite("x", 1.5), positive("x", 2, "mm", 2), at_least("x", 1, 1, most=1)) == (1.5, 2.0, 1.0)
     assert (between("x", 0, 0, 1), between("x", 1, 0, 1)) == (0.0, 1.0)
-    assert (point("x", [1, 2]), place("x", [1, 2]), place("x", [1, 2, 3])) == ((1, 2), (1, 2, 0), (1, 2, 3))
-    assert whole("x", 3.0, 3) == 3
-    assert isinstance(whole("x", 3.0, 3), int)
+    assert (plane_point("x", [1, 2]), space_point("x", [1, 2]), space_point("x", [1, 2, 3])) == (
+        (1, 2),
+        (1, 2, 0),
+        (1, 2, 3),
+    )
+    assert whole_number("x", 3.0, 3) == 3
+    assert isinstance(whole_number("x", 3.0, 3), int)
 
 
 @pytest.mark.parametrize("kind", [GantryError, InputError, TimedError])

@@ -17,6 +17,7 @@ from gantrysim.base.quantity import (
     Quantity,
     ascii_unit,
     contents,
+    joined,
     number_text,
 )
 
@@ -60,7 +61,7 @@ def test_text_and_number():
     assert ERROR.text(0.0088) == "8.8 µm"
     assert ERROR.number(0.0088) == "8.8"
     assert RATIO.text(1.234) == "1.23"
-    assert SHARE.text(-0.382) == "-38.2 %"
+    assert SHARE.text(-0.382) == "−38.2 %"
 
 
 @pytest.mark.parametrize("value", [0.0, -0.0, 1e-9, -1e-9])
@@ -83,7 +84,7 @@ def test_what_is_missing_is_a_dash_without_a_unit(quantity):
 
 def test_infinite_numbers_are_symbols_and_null_in_json():
     assert RATIO.text(math.inf) == "∞"
-    assert LENGTH.text(-math.inf) == "-∞ mm"
+    assert LENGTH.text(-math.inf) == "−∞ mm"
     assert LENGTH.content(math.inf) is None
 
 
@@ -92,11 +93,12 @@ def test_text_and_number_read_back_are_the_value_as_rounded(value, decimals, fac
     quantity = Quantity("x", label="x", unit="µm", form=f".{decimals}f", meaning="X", path=(), factor=factor)
     half = 0.5 * 10.0**-decimals
     number = quantity.number(value)
-    assert abs(float(number) - factor * value) <= half * (1 + 1e-6) + 1e-9 * abs(factor * value)
+    read = float(number.replace("−", "-"))
+    assert abs(read - factor * value) <= half * (1 + 1e-6) + 1e-9 * abs(factor * value)
     assert quantity.text(value) == f"{number} µm"
     assert quantity.content(value) == factor * value
-    assert number == "0" or float(number) != 0
-    assert number != "-0"
+    assert number == "0" or read != 0
+    assert number != "−0"
 
 
 def test_values_are_read_along_their_path():
@@ -133,3 +135,25 @@ def test_a_range_has_its_statistics_in_order():
         "spacing_min_mm": 3.0,
         "spacing_max_mm": 4.0,
     }
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "text"),
+    [
+        (-3.8, ".1f", "−3.8"),
+        (3.8, "+.1f", "+3.8"),
+        (-3.8, "+.1f", "−3.8"),
+        (-0.04, ".1f", "0"),
+        (-1234.5, ",.0f", "−1,234"),
+    ],
+)
+def test_a_negative_number_has_a_minus_sign(value, form, text):
+    assert number_text(value, form) == text
+    assert number_text(-math.inf, form) == "−∞"
+
+
+def test_a_sentence_has_no_space_at_which_a_number_parts_from_its_unit():
+    text = "9.9 µm at x = −3.8, y = 4.0 mm, line 12, × 4, 2 sides, 100 mm/s, 15.2 → 2.0 %, 3 minutes"
+    kept = "9.9_µm at x_=_−3.8, y_=_4.0_mm, line_12, ×_4, 2 sides, 100_mm/s, 15.2 →_2.0_%, 3 minutes"
+    assert joined(text, "_") == kept
+    assert joined("9.9 µm") == "9.9\N{NO-BREAK SPACE}µm"

@@ -94,7 +94,7 @@ def test_the_command_prints_one_screen(width, gantrysim_command, tmp_path, monke
     ],
 )
 def test_no_line_ends_between_a_number_and_its_unit(text, pieces, monkeypatch, capsys):
-    assert [piece.replace("\ue000", " ") for piece in terminal.joined(text).split(" ")] == pieces
+    assert [piece.replace("\ue000", " ") for piece in terminal.unbreakable_text(text).split(" ")] == pieces
     monkeypatch.setenv("COLUMNS", "14")
     terminal.say(text, wrap=True)
     printed = capsys.readouterr().out

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from gantrysim import Budget, InputError, Job, Machine, Servo
 from gantrysim.base.arrays import spans
 from gantrysim.compare.alignment import aligned_trace
-from gantrysim.compare.comparison import Comparison, evenly
+from gantrysim.compare.comparison import Comparison, coverage, evenly
 from gantrysim.compare.measured import Assignment, Trace
 from gantrysim.compare.page import headline, share_text
 from gantrysim.engine.simulate import perfect_follower
@@ -537,3 +538,14 @@ def test_columns_that_are_named_as_the_quantities_need_no_option(tmp_path, run, 
     assert measured[:, :2] == pytest.approx(nozzle[:, :2], abs=1e-9)
     said = [note for note in trace.notes if note.startswith("taken as the nozzle's: x [um], y [um]")]
     assert len(said) == ("x [um]" in heads.split(","))
+
+
+@pytest.mark.parametrize(("end", "note"), [(0.9, []), (0.86, ["95.0 % of the time"]), (0.5, ["50.0 % of the time"])])
+def test_what_a_trace_covers_of_the_bead_is_told_where_it_is_not_all(end, note):
+    """The dispenser is on from 0.1 s to 0.9 s."""
+    time = np.arange(1000) * 1e-3
+    run = SimpleNamespace(time=time, period=1e-3, dispense=(time >= 0.1) & (time < 0.9))
+    covered = SimpleNamespace(time=time[time <= end - 1e-9])
+    notes = coverage(covered, run, SimpleNamespace(others=(), shift=0.0))
+    assert len(notes) == len(note)
+    assert all(words in text for words, text in zip(note, notes, strict=True))

@@ -5,12 +5,13 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from svgelements import Path as SvgPath
 
 from gantrysim import Budget, Job, Machine
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Trace
-from gantrysim.compare.page import write_comparison_page
+from gantrysim.compare.page import draw_overlay, write_comparison_page
 from gantrysim.report.plots.style import COLOURS
 
 from support.jobs import job_run
@@ -158,3 +159,13 @@ def test_errors_of_the_geometry_belong_to_structure_on_both_sides():
         assert "geometry" not in budget.values.parts
         rest = sum(expected.parts[name].lateral for name in ("encoder", "geometry", "structure"))
         assert budget.values.parts["structure"].rms == pytest.approx(np.sqrt(np.mean(rest**2)), rel=0.05)
+
+
+def test_the_contour_error_is_drawn_with_the_limit_of_the_run(found):
+    figure = Figure()
+    *_, contour, _ = draw_overlay(figure, found)
+    run = found.simulated.analysis.run
+    limit = 1e3 * run.basis.limits(run.face).path_max
+    limits = [line.get_ydata()[0] for line in contour.lines if line.get_linestyle() == "--"]
+    texts = [text.get_text() for text in contour.texts]
+    assert limits == pytest.approx([limit, -limit]) or texts == [f"limit ± {limit:.3g} µm, beyond this scale"]

@@ -9,19 +9,21 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from gantrysim import Fault, InputError, SavedRun
+from gantrysim import Fault, InputError, Job, SavedRun
 from gantrysim.cli import terminal
 from gantrysim.cli.compare import comparison_tables
+from gantrysim.compare.runs.answer import _losses
 from gantrysim.compare.runs.common_path import Track, parting_of
 from gantrysim.compare.runs.compared_run import names_of_folders, names_of_jobs
 from gantrysim.compare.runs.differences import CheckChange
 from gantrysim.compare.runs.overlay_data import OverlayData
-from gantrysim.compare.runs.overlays import draw_compared_budgets
+from gantrysim.compare.runs.overlays import draw_compared_budgets, draw_overlaid_errors
 from gantrysim.compare.runs.runs_page import compare_runs, run_sections
 from gantrysim.compare.runs.runs_tables import budget_cells, value_cells
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.report.folder import output_folder, write_run
 from gantrysim.results.checks import Check
+from gantrysim.results.colours import BAD
 
 from support.compared import RADIUS, START, TEXT, circle_job, on_circle, recorded
 from support.pages import Page
@@ -149,7 +151,7 @@ def test_the_table_of_links_has_the_change_of_each_in_micrometres(comparison):
     contour = next(row for row in rows if row[0] == "contour")
     before, after = (UM * math.hypot(mean, swing / math.sqrt(2)) for mean, swing in (BEFORE, AFTER))
     assert [float(cell) for cell in contour[1:3]] == pytest.approx([before, after], rel=0.05)
-    change, share = contour[3].split(" ", 1)
+    change, share = contour[3].replace("−", "-").split(" ", 1)
     assert float(change) == pytest.approx(after - before, rel=0.05)
     assert share == f"({100 * float(change) / float(contour[1]):+.0f} %)"
 
@@ -377,3 +379,37 @@ def test_the_overlay_begins_where_the_first_run_is_worst_by_its_verdict(comparis
     row = overlay.content()["worst"]
     _, (first, _) = overlay.columns()
     assert first["time"][row] == pytest.approx(verdict.worst_place.time, abs=2 * PERIODS[0])
+
+
+def test_the_overlay_begins_nowhere_where_the_first_run_passes():
+    program = {"controller": "linuxcnc.Program", "text": "G21 G90 G1 X20 F600\nY10\nM2\n"}
+    tolerance = {"path_max": 5.0, "bead_width": 99.0, "start_length": 5.0, "stop_length": 5.0}
+    content = {"name": "corner", "machine": "xy", "program": program, "dispenser": {"area": 1.0}}
+    job = Job.of_content({**content, "tolerance": tolerance}, "job corner")
+    run = job.follow()
+    passed = compare_runs(run, run.replaced(nozzle=run.nozzle + 1e-3))
+    assert passed.verdicts[0].state == "pass"
+    assert passed.verdicts[0].worst_place is not None
+    assert OverlayData(passed).content()["worst"] is None
+
+
+def test_the_errors_of_runs_over_one_another_have_the_limit(comparison):
+    panel = draw_overlaid_errors(Figure(), comparison)[0]
+    limit = 1e3 * comparison.verdicts[0].tolerance.path_max
+    limits = [line.get_ydata()[0] for line in panel.lines if line.get_linestyle() == "--" and line.get_color() == BAD]
+    texts = [text.get_text() for text in panel.texts]
+    assert limits == pytest.approx([limit, -limit]) or texts == [f"limit ± {limit:.3g} µm, beyond this scale"]
+
+
+def test_what_is_worse_in_the_better_run_is_told_with_the_largest_loss_first():
+    def change(name, best, rival):
+        checks = (
+            Check(name=name, quantity=name, value=value, limit=10.0, unit="mm", source="given")
+            for value in (best, rival)
+        )
+        return CheckChange("glue", tuple(checks))
+
+    changes = [change("a", 12.0, 11.0), change("b", 30.0, 11.0), change("c", 5.0, 4.0), change("d", 20.0, 11.0)]
+    texts = _losses(changes, 0, 1).split("; ")
+    assert [text.partition(":")[0] for text in texts] == ["b", "d", "a"]
+    assert texts[0] == "b: 30.0 against 11.0 mm (at most 10.0 mm)"

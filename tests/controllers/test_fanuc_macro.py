@@ -61,6 +61,8 @@ def test_macros_move_as_their_arithmetic_says(text, expected):
     [
         ("G10 L2 P2 X10 Y20\nG55 G01 X1 Y1 F600\nG54 X0", [(11, 21), (0, 21)]),
         ("G01 X5 F600\nG92 X0\nX1", [(5, 0), (6, 0)]),
+        # in a coordinate system of another zero
+        ("G10 L2 P2 X10\nG55 G01 X5 F600\nG92 X0\nX1", [(15, 0), (16, 0)]),
         ("G52 X10\nG01 X1 F600\nG52 X0\nX2", [(11, 0), (2, 0)]),
         ("G10 L2 P1 X10\nG01 X1 F600\nG53 X1\nX1", [(11, 0), (1, 0), (11, 0)]),
         ("G10 L2 P2 X10\nG10 L2 P2 X7\nG55 G01 X1 F600", [(8, 0)]),
@@ -79,6 +81,13 @@ def test_macros_move_as_their_arithmetic_says(text, expected):
 )
 def test_coordinate_systems_shift_the_path(text, expected):
     assert ends(text) == expected
+
+
+def test_the_needle_does_not_go_down_to_the_initial_height():
+    """The reference point of z is above the work."""
+    program = Program(program="G00 X5 Z8\nG91 G28 Z0\nG28 X0\nG90 G00 Z-2\nG28 Z-1")
+    ends = [list(leg.piece.end) for leg in program.legs if leg.piece is not None]
+    assert ends == [[5, 0, 8], [0, 0, 8], [0, 0, -2], [0, 0, -1], [0, 0, 0]]
 
 
 @pytest.mark.parametrize(

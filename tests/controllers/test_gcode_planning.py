@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.controllers.gcode.move_table import END, KIND, LINE, SOURCE
+from gantrysim.controllers.gcode.slicer import Program as SlicerProgram
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.kinds import path_of
@@ -51,6 +52,46 @@ def test_a_line_takes_the_time_of_a_trapezoid(length, feed):
     assert program(f"F{feed} G1 X{length}", rapid=1e6).duration == pytest.approx(expected)
 
 
+def trapezoid(length, speed):
+    """Time from rest to rest."""
+    return length / speed + speed / A if length > speed**2 / A else 2 * math.sqrt(length / A)
+
+
+@pytest.mark.parametrize(
+    ("code", "stops"),
+    [
+        *(
+            (code, True)
+            for code in ("M3 S9", "M5", "M7", "M8", "M9", "M64 P0", "M65 P0", "M68 E0 Q1", "M0", "M100", "S9")
+        ),
+        *((code, False) for code in ("M62 P0", "M63 P0", "M67 E0 Q1", "M48", "S0", "(a comment)")),
+    ],
+)
+def test_the_motion_stops_for_the_codes_that_linuxcnc_carries_out_at_rest(code, stops):
+    """Both on a straight line, where nothing else slows it, and at a corner, which then is not rounded."""
+    straight = program(f"F3000 G64 P1\nG1 X20\n{code}\nX60", rapid=1e6)
+    expected = trapezoid(20, 50) + trapezoid(40, 50) if stops else trapezoid(60, 50)
+    assert straight.duration == pytest.approx(expected)
+    corner = program(f"F3000 G64 P1\nG1 X20\n{code}\nY40")
+    # of an arc that is 1 mm from the corner, from the legs that it joins
+    rounded = (1 - math.cos(math.pi / 4)) / (math.sqrt(2) - 1)
+    assert deviation(corner) == pytest.approx(0.0 if stops else rounded, abs=0.02)
+    assert any("carry out" in note for note in corner.notes) == stops
+
+
+def test_glue_ends_where_the_valve_closes_before_the_way_back():
+    """A nearly reversed corner from feed to a rapid move, rounded if nothing stops the motion at M5."""
+    controller = program("F1500\nM3\nG1 X20\nX40\nM5\nG0 X0 Y4")
+    setpoints = controller.setpoints(PERIOD)
+    assert setpoints.position[setpoints.dispense, 0].max() == pytest.approx(40, abs=25 * PERIOD)
+
+
+@pytest.mark.parametrize("code", ["M400", "G4", "G4 P0", "M0"])
+def test_printers_firmware_stops_where_it_waits_for_the_moves(code):
+    controller = SlicerProgram(text=f"M204 S{A}\nG1 X20 F3000\n{code}\nG1 X60")
+    assert controller.duration == pytest.approx(trapezoid(20, 50) + trapezoid(40, 50))
+
+
 def test_a_rapid_move_uses_every_axis_to_its_limit():
     controller = program("G0 X300 Y300", rapid=6000)
     assert controller.duration == pytest.approx(300 / 100 + 100 / A)
@@ -76,7 +117,7 @@ def test_a_corner_is_passed_on_an_arc_of_the_tolerance(turn, tolerance):
     assert path.radius == pytest.approx([radius])
     middle = path.position(np.array([path.ends[1] + 0.5 * path.lengths[1]]))[0]
     assert math.dist(middle, (50, 0, 0)) == pytest.approx(tolerance)
-    at = controller.plan.profile.reached(path.ends[1] + 0.5 * path.lengths[1])
+    at = controller.plan.profile.time_at(path.ends[1] + 0.5 * path.lengths[1])
     assert controller.plan.profile.velocity(at) == pytest.approx(math.sqrt(math.sqrt(0.75) * A * radius))
     assert deviation(controller) <= tolerance * 1.001
 
@@ -182,7 +223,7 @@ def test_the_corner_between_a_line_and_an_arc_is_that_of_their_tangents(degrees)
     half_circle = f"G3 X{end.real:.9f} Y{end.imag:.9f} I{centre.real:.9f} J{centre.imag:.9f}"
     controller = program(f"F2400 G61\nG1 X50\n{half_circle}", cycle=cycle)
     profile = controller.plan.profile
-    at_corner = float(profile.velocity(profile.reached(50.0)))
+    at_corner = float(profile.velocity(profile.time_at(50.0)))
     assert at_corner == pytest.approx(min(A * cycle / (2 * math.sin(turn / 2)), 40), rel=1e-6)
 
 

@@ -14,7 +14,7 @@ SPEEDS = {  # of the built-in jobs [mm/s]
     "fanuc-conical": 120.0,
     "fanuc-spiral": 100.0,
     "linuxcnc-flanges": 40.0,
-    "slicer-square": 100.0,
+    "slicer-square": 30.0,
     "softmc-arc": 150.0,
     "softmc-basic": 120.0,
     "softmc-helical": 200.0,
@@ -108,3 +108,21 @@ def test_only_a_move_spiral_that_is_not_bound_to_servo_ticks_runs_free():
     assert trio.MoveSpiral(60, 1, 10, 100).free_running
     assert not trio.MoveSpiral(60, 1, 10, 100, servo_period=1e-3).free_running
     assert not Job.load("softmc-arc").controller.free_running
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "speed"),
+    [
+        # F of a printer's G0 is that of its travel
+        ("part.gcode", "G0 X5 Y5 F6000\nM106\nG1 X30 F1200\nM107\nG0 X0 F6000\n", 20),
+        ("part.ngc", "F6000 G1 Z5\nM64 P0\nF900 G1 X30\nM65 P0\nF6000 G1 Z0\n", 15),
+        ("part.csv", "x [mm];y [mm];speed [mm/s]\n0;0;20\n50;0;20\n50;30;40\n", 40),
+    ],
+)
+def test_the_programmed_speed_is_one_with_glue(name, text, speed, tmp_path):
+    (tmp_path / name).write_text(text)
+    job = Job.load(tmp_path / name)
+    assert job.controller.programmed_speed == pytest.approx(speed)
+    assert Job.load(tmp_path / name, speed=0.5 * speed).controller.programmed_speed == pytest.approx(0.5 * speed)
+    flow = job.dispenser.area * speed
+    assert f"{flow:.3g} mm³/s at {speed:.4g} mm/s" in job.notes[0]

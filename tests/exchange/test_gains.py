@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo, simulate
-from gantrysim.exchange.gains import BESIDE, DIALECTS, THROUGH, exported, imported
+from gantrysim.exchange.gains import BESIDE, DIALECTS, THROUGH, export_gains, import_gains
 from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import LAW_PARAMETERS
@@ -51,7 +51,7 @@ def servo_torque(servo, a, commanded, measured, period=PERIOD):
 
 
 def words_of(name, servo, machine):
-    text, _ = exported(name, machine.axes, servo)
+    text, _ = export_gains(name, machine.axes, servo)
     return [
         {word: float(value) for word, value in one.items()} for one in DIALECTS[name].read(text, list(machine.axes))
     ]
@@ -141,9 +141,9 @@ def test_exported_and_imported_gains_give_the_same_torque(name, values):
         own["acceleration_ff"] = [0.0, 0.0]
     own["kd"] = [20.0, 30.0]
     before = Servo.derive(machine.axes, PERIOD, frequency=10.0, notch_frequency=0.0, **own)
-    text, lost = exported(name, machine.axes, before)
+    text, lost = export_gains(name, machine.axes, before)
     assert not any(gain in line for line in lost for gain in GAIN_NAMES)
-    after = imported(name, text, machine.axes, before)
+    after = import_gains(name, text, machine.axes, before)
     for a in range(2):
         commanded, measured = history(a)
         torque = [servo_torque(one, a, commanded, measured) for one in (before, after)]
@@ -170,8 +170,8 @@ def test_gains_of_velocity_drives_come_back(name, values):
     names = ["kp", "ki", "velocity_ff"]
     names += {"trio": ["kd", "output_velocity"], "softmc": []}.get(name, ["kd", "acceleration_ff"])
     before = around_velocity_drives().with_values(**{gain: [next(some), next(some)] for gain in names})
-    text, _ = exported(name, machine.axes, before)
-    after = imported(name, text, machine.axes, before)
+    text, _ = export_gains(name, machine.axes, before)
+    after = import_gains(name, text, machine.axes, before)
     assert after.modes == ("velocity", "velocity")
     for gain in (*GAIN_NAMES, "velocity_gain", "velocity_time"):
         assert after.per_axis(gain) == pytest.approx(before.per_axis(gain), rel=AGAIN, abs=1e-12), gain
@@ -207,7 +207,7 @@ def test_linuxcnc_s_gains_leave_v_over_p_without_ff1_and_nothing_with_it(rigid, 
     machine = rigid()
     servo = Servo.derive(machine.axes, 1e-3, mode="velocity", resolution=0.0)
     text = "".join(f"[JOINT_{a}]\nP = 50\nFF1 = {forward}\nDEADBAND = 0\n" for a in range(2))
-    run = simulate(machine, imported("linuxcnc-ini", text, machine.axes, servo), ramp(40.0, 40.0))
+    run = simulate(machine, import_gains("linuxcnc-ini", text, machine.axes, servo), ramp(40.0, 40.0))
     cruise = slice(len(run.time) // 2, len(run.time) // 2 + 20)
     steady = (run.commanded - run.encoder)[cruise, 0]
     speed = np.diff(run.commanded[cruise, 0]).mean() / run.period
@@ -217,8 +217,8 @@ def test_linuxcnc_s_gains_leave_v_over_p_without_ff1_and_nothing_with_it(rigid, 
 def test_a_drive_that_takes_positions_has_no_gains_in_the_controller(xy):
     servo = Servo.derive(xy.axes, PERIOD, mode=["velocity", "position"])
     with pytest.raises(InputError, match="the drive of axis y is in mode 'position', takes positions and closes its"):
-        exported("trio", xy.axes, servo)
-    text, notes = exported(
+        export_gains("trio", xy.axes, servo)
+    text, notes = export_gains(
         "linuxcnc", xy.axes, Servo.derive(xy.axes, PERIOD, mode=["torque", "velocity"], feedforward=0)
     )
     assert "# Drive of axis x: torque mode, full scale 0.906 N·m" in text
@@ -230,20 +230,20 @@ def test_a_drive_that_takes_positions_has_no_gains_in_the_controller(xy):
 
 def test_fanuc_s_loop_gain_is_rounded_to_a_hundredth_and_scales_kp(xy):
     servo = Servo.derive(xy.axes, PERIOD, feedforward=0.0, notch_frequency=0.0)
-    text, notes = exported("fanuc", xy.axes, servo)
+    text, notes = export_gains("fanuc", xy.axes, servo)
     assert any("torque_limit" in note for note in notes)
-    after = imported("fanuc", text, xy.axes, servo)
+    after = import_gains("fanuc", text, xy.axes, servo)
     for a in range(2):
         assert abs(after.gains[a].kp - servo.gains[a].kp) / servo.gains[a].kd <= 0.005 * (1 + 1e-9)
         assert f"A{a + 1}P{round(100 * servo.gains[a].kp / servo.gains[a].kd)}" in text
     assert (after.per_axis("kd"), after.per_axis("ki")) == (servo.per_axis("kd"), servo.per_axis("ki"))
-    doubled = imported("fanuc", "N01825 A1 P4000 A2 P1000", xy.axes, servo)
+    doubled = import_gains("fanuc", "N01825 A1 P4000 A2 P1000", xy.axes, servo)
     assert doubled.gains[0].kp / servo.gains[0].kd == pytest.approx(40)
 
 
 def test_what_a_controller_has_no_word_for_is_refused(xy, servo):
     with pytest.raises(InputError) as refused:
-        exported("trio", xy.axes, servo)
+        export_gains("trio", xy.axes, servo)
     text = str(refused.value)
     assert "\n" not in text
     for part in (
@@ -253,12 +253,12 @@ def test_what_a_controller_has_no_word_for_is_refused(xy, servo):
     ):
         assert part in text
     with pytest.raises(InputError, match=r"fanuc has no parameter for ki \(x [\d.]+, y [\d.]+\), velocity_ff .*: the "):
-        exported("fanuc", xy.axes, servo)
+        export_gains("fanuc", xy.axes, servo)
     resonant = Servo.derive(xy.axes, PERIOD, notch_frequency=[0.0, 120.0])
     with pytest.raises(
         InputError, match=r"softmc has no parameter for notch_frequency \(y 120\): .*notch_frequency=0$"
     ):
-        exported("softmc", xy.axes, resonant)
+        export_gains("softmc", xy.axes, resonant)
 
 
 # values that act, of the fields of a servo that the derived one does not have, with what they need beside; a field that
@@ -300,18 +300,18 @@ def test_every_field_of_the_servo_is_exported_or_listed_or_refused(field, name):
     """A servo that differs in one field gives another text, or none."""
     machine = built()
     plain = {"kp": 0.5, "kd": 6e-3, "ki": 0.0, "feedforward": 0.0, "notch_frequency": 0.0}
-    before, _ = exported(name, machine.axes, Servo.derive(machine.axes, PERIOD, frequency=10.0, **plain))
+    before, _ = export_gains(name, machine.axes, Servo.derive(machine.axes, PERIOD, frequency=10.0, **plain))
     changes = {"period": PERIOD, **plain, **ACTING[field]}
     other = Servo.derive(machine.axes, changes.pop("period"), frequency=10.0, **changes)
     try:
-        after, _ = exported(name, machine.axes, other)
+        after, _ = export_gains(name, machine.axes, other)
     except InputError as refusal:
         text = str(refusal)
         assert "\n" not in text
         assert field in text or THROUGH.get(field, field) in text
     else:
         assert after != before
-        carried = field in DIALECTS[name].carried(other.modes[0])
+        carried = field in DIALECTS[name].carried_fields(other.modes[0])
         assert carried or f"{field} = " in after
 
 
@@ -329,27 +329,27 @@ def test_a_gain_that_the_package_gets_is_refused_until_a_dialect_carries_it(monk
     monkeypatch.delitem(THROUGH, "notch_width")  # as if it were a gain
     for name in DIALECTS:
         with pytest.raises(InputError, match=rf"^{name} has no parameter for notch_width \(x 0\.\d+, y 0\.\d+\)"):
-            exported(name, xy.axes, plain)
+            export_gains(name, xy.axes, plain)
 
 
 def test_gains_that_cannot_be_converted_are_refused(xy, servo):
     exact = Servo.derive(xy.axes, PERIOD, resolution=0.0, acceleration_ff=0.0, notch_frequency=0.0)
     with pytest.raises(InputError, match="resolution of axis x = 0: must be finite and greater than 0"):
-        exported("trio", xy.axes, exact)
+        export_gains("trio", xy.axes, exact)
     soft = Servo.derive(xy.axes, PERIOD, kd=0.0, notch_frequency=0.0, feedforward=0.0)
     with pytest.raises(InputError, match="kd - output_velocity of axis x = 0"):
-        exported("fanuc", xy.axes, soft)
+        export_gains("fanuc", xy.axes, soft)
     with pytest.raises(InputError, match="did you mean trio"):
-        exported("trioo", xy.axes, servo)
+        export_gains("trioo", xy.axes, servo)
     with pytest.raises(InputError, match="for axis y, in the parameters of trio"):
-        imported("trio", "P_GAIN AXIS(0)=1", xy.axes, servo)
+        import_gains("trio", "P_GAIN AXIS(0)=1", xy.axes, servo)
     with pytest.raises(InputError, match=r"bias of axis x = 0\.01: must be 0"):
-        imported("linuxcnc", "setp pid.x.Pgain 1\nsetp pid.x.bias 0.01\nsetp pid.1.Pgain 2", xy.axes, servo)
+        import_gains("linuxcnc", "setp pid.x.Pgain 1\nsetp pid.x.bias 0.01\nsetp pid.1.Pgain 2", xy.axes, servo)
 
 
 def test_trio_s_text_as_a_person_writes_it_is_read(xy, servo):
     text = "BASE(1): P_GAIN = 2.5 ' stiff\np_gain AXIS(0)=1e0\nD_GAIN=0.5\nSPEED=100\n"
-    found = imported("trio", text, xy.axes, servo)
+    found = import_gains("trio", text, xy.axes, servo)
     r, limit = servo.per_axis("resolution"), servo.per_axis("torque_limit")
     assert found.per_axis("kp") == pytest.approx([1 / 2048 * limit[0] / r[0], 2.5 / 2048 * limit[1] / r[1]])
     assert found.per_axis("kd") == pytest.approx([0, 0.5 * PERIOD / 2048 * limit[1] / r[1]])
@@ -453,13 +453,15 @@ def test_masses_that_creep_back_are_no_mode_of_an_axis(xy, creep):
 
 def test_joints_and_sections_beyond_the_axes_of_the_machine_are_left_alone(xy, servo):
     """An INI of a larger machine: the gains of its third joint, its spindle and of no section at all are not read."""
-    text, _ = exported("linuxcnc-ini", xy.axes, servo)
+    text, _ = export_gains("linuxcnc-ini", xy.axes, servo)
     more = f"P = 99\n[EMC]\nP = 98\n{text}\n[JOINT_2]\nP = 97\nFF1 = 3\n[SPINDLE_0]\nP = 96\n[AXIS_Z]\nP = 95\n"
-    plain, found = (imported("linuxcnc-ini", one, xy.axes, servo) for one in (text, more))
+    plain, found = (import_gains("linuxcnc-ini", one, xy.axes, servo) for one in (text, more))
     assert [found.per_axis(name) for name in GAIN_NAMES] == [plain.per_axis(name) for name in GAIN_NAMES]
 
 
 def test_axes_of_softmc_that_the_machine_lacks_are_left_alone(xy, servo):
-    text, _ = exported("softmc", xy.axes, servo)
-    plain, found = (imported("softmc", one, xy.axes, servo) for one in (text, f"{text}\nA9.KPP = 97\nspare.KVP = 3\n"))
+    text, _ = export_gains("softmc", xy.axes, servo)
+    plain, found = (
+        import_gains("softmc", one, xy.axes, servo) for one in (text, f"{text}\nA9.KPP = 97\nspare.KVP = 3\n")
+    )
     assert [found.per_axis(name) for name in GAIN_NAMES] == [plain.per_axis(name) for name in GAIN_NAMES]

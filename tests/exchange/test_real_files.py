@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 from gantrysim import InputError, Machine, Servo
-from gantrysim.exchange.gains import exported, imported, read_gains, sign_of_velocity_drives
+from gantrysim.exchange.gains import export_gains, import_gains, read_gains, sign_of_velocity_drives
 from gantrysim.exchange.linuxcnc import IniFile, ini_text
 from gantrysim.exchange.printer_config import PrinterConfig
 
@@ -56,7 +56,7 @@ def servos():
 def test_gains_of_velocity_drives_do_not_depend_on_the_unit_of_length(xy, servos):
     """An error of 1 inch demands P inches per second: P is in 1/s, whatever the unit."""
     servo, notes = read_gains("linuxcnc-ini", MILL, xy.axes, servos["velocity"])
-    metric = imported("linuxcnc-ini", MILL.replace("inch", "mm"), xy.axes, servos["velocity"])
+    metric = import_gains("linuxcnc-ini", MILL.replace("inch", "mm"), xy.axes, servos["velocity"])
     assert servo == metric
     assert [gains.kp for gains in servo.gains] == [50, 40]  # by letters, the first P of a section
     assert [gains.kd for gains in servo.gains] == [0.5, 0]
@@ -79,14 +79,14 @@ def test_another_servo_period_is_named(xy, servos):
 
 def test_gains_of_torque_drives_are_per_unit_of_length(xy, servos):
     """An error of 25.4 mm is one of 1 inch: both demand the torque P."""
-    servo = imported("linuxcnc-ini", MILL, xy.axes, servos["torque"])
+    servo = import_gains("linuxcnc-ini", MILL, xy.axes, servos["torque"])
     assert 25.4 * servo.gains[0].kp == pytest.approx(50)
     assert 25.4 * servo.gains[0].velocity_ff == pytest.approx(1)
     for unit, length in (("mm", 1), ("cm", 10), ("0.5", 2)):
-        other = imported("linuxcnc-ini", MILL.replace("inch", unit), xy.axes, servos["torque"])
+        other = import_gains("linuxcnc-ini", MILL.replace("inch", unit), xy.axes, servos["torque"])
         assert length * other.gains[1].kp == pytest.approx(40)
     with pytest.raises(InputError, match=r"LINEAR_UNITS = furlong: must be one of mm, metric, cm, inch, in, imperial"):
-        imported("linuxcnc-ini", MILL.replace("inch", "furlong"), xy.axes, servos["torque"])
+        import_gains("linuxcnc-ini", MILL.replace("inch", "furlong"), xy.axes, servos["torque"])
 
 
 def test_velocity_drives_are_recognised_by_what_a_torque_drive_could_not_do(xy, servos):
@@ -129,7 +129,7 @@ def test_drives_that_take_steps_or_positions_get_scale_and_limits():
     machine = Machine(EXAMPLES / "stepper.toml")
     servo = Servo.derive(machine.axes)
     assert servo.modes == ("stepper", "position", "stepper")
-    text, (note,) = exported("linuxcnc-ini", machine.axes, servo)
+    text, (note,) = export_gains("linuxcnc-ini", machine.axes, servo)
     assert note.startswith("no gains: the drives take positions or steps")
     limits = IniFile.of(text).limits
     assert [limit.name for limit in limits] == [axis.name for axis in machine.axes] == ["x", "y", "z"]
@@ -142,13 +142,13 @@ def test_drives_that_take_steps_or_positions_get_scale_and_limits():
         assert (f"STEPGEN_MAXVEL = {1.25 * axis.speed_limit!r}" in joint) == (number != 1)
         assert ("STEPGEN_MAXVEL" in joint) == (number != 1)
         assert f"FERROR = {servo.following_error_limit[number]!r}" in joint
-    program, _ = exported("trio", machine.axes, servo)
+    program, _ = export_gains("trio", machine.axes, servo)
     assert f"UNITS={limits[0].steps!r}" in program
     assert "P_GAIN" not in program
     with pytest.raises(
         InputError, match=r"^fanuc has no parameters for drives in mode 'stepper', 'position', 'stepper': "
     ):
-        exported("fanuc", machine.axes, servo)
+        export_gains("fanuc", machine.axes, servo)
 
 
 def test_an_axis_without_a_joint_and_a_joint_that_turns_are_refused(xy, servos):
@@ -156,13 +156,13 @@ def test_an_axis_without_a_joint_and_a_joint_that_turns_are_refused(xy, servos):
     with pytest.raises(
         InputError, match=r"has none of P, I, D, FF1, FF2 for axis y, in the parameters of linuxcnc-ini"
     ):
-        imported("linuxcnc-ini", without, xy.axes, servos["torque"])
+        import_gains("linuxcnc-ini", without, xy.axes, servos["torque"])
     for value in ("nan", "1e999", "[JOINT_1]P"):
         with pytest.raises(InputError, match=r"\[JOINT_0\] P = .*: must be a finite number"):
-            imported("linuxcnc-ini", MILL.replace("P = 40", f"P = {value}"), xy.axes, servos["torque"])
+            import_gains("linuxcnc-ini", MILL.replace("P = 40", f"P = {value}"), xy.axes, servos["torque"])
     turning = MILL.replace("[JOINT_0]\nTYPE = LINEAR", "[JOINT_0]\nTYPE = ANGULAR")
     with pytest.raises(InputError, match=r"\[JOINT_0\] TYPE = ANGULAR: axis y of the machine is in mm"):
-        imported("linuxcnc-ini", turning, xy.axes, servos["torque"])
+        import_gains("linuxcnc-ini", turning, xy.axes, servos["torque"])
 
 
 def test_limits_are_in_millimetres_and_the_lower_of_joint_and_axis():
@@ -248,7 +248,7 @@ def test_the_command_reads_velocity_drives_without_being_told(tmp_path, gantrysi
 def test_trio_s_dac_scale_is_16_of_a_dac_of_16_bits(xy, servos, scale, factor):
     """VFF_GAIN = 2.048 per edge of 1 µm and ms is full scale at 1000 mm/s, the speed limit."""
     program = "".join(f"VFF_GAIN AXIS({a})=2.048\nP_GAIN AXIS({a})=1\nDAC_SCALE AXIS({a})={scale}\n" for a in range(2))
-    servo = imported("trio", program, xy.axes, servos["velocity"].with_values(resolution=1e-3))
+    servo = import_gains("trio", program, xy.axes, servos["velocity"].with_values(resolution=1e-3))
     assert servo.per_axis("velocity_ff") == pytest.approx((factor, factor))
 
 
@@ -256,9 +256,9 @@ def test_trio_s_gains_per_other_edges_or_periods_are_refused(xy, servos):
     with pytest.raises(
         InputError, match=r"UNITS of axis x = 4000 edges per mm: the servo's encoder has 1000, and gains"
     ):
-        imported("trio", "UNITS=4000\nP_GAIN=1\nBASE(1)\nP_GAIN=1", xy.axes, servos["torque"])
+        import_gains("trio", "UNITS=4000\nP_GAIN=1\nBASE(1)\nP_GAIN=1", xy.axes, servos["torque"])
     with pytest.raises(InputError, match=r"SERVO_PERIOD = 500 us: the servo's is 1000 us, .*--set servo.period=0.0005"):
-        imported("trio", "SERVO_PERIOD=500\nP_GAIN=1\nBASE(1)\nP_GAIN=1", xy.axes, servos["torque"])
+        import_gains("trio", "SERVO_PERIOD=500\nP_GAIN=1\nBASE(1)\nP_GAIN=1", xy.axes, servos["torque"])
 
 
 def test_settings_beside_the_gains_are_named(xy, servos):
@@ -288,6 +288,6 @@ def test_settings_beside_the_gains_are_named(xy, servos):
 @pytest.mark.parametrize("name", ["trio", "linuxcnc", "linuxcnc-ini"])
 def test_a_file_of_the_servo_s_own_has_nothing_that_is_not_taken_over(name, xy, servos):
     servo = servos["torque"].with_values(acceleration_ff=0.0)
-    text, _ = exported(name, xy.axes, servo)
+    text, _ = export_gains(name, xy.axes, servo)
     notes = read_gains(name, text, xy.axes, servo)[1]
     assert [note for note in notes if note.startswith("not taken")] == []

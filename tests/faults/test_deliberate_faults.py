@@ -28,7 +28,7 @@ from gantrysim.faults.fault import FaultAxis
 
 TEXTS = {
     EncoderDropout(time=1, axis="x"): "encoder dropout on axis x at t = 1.0000 s: position frozen until the end",
-    EncoderGlitch(time=1, axis="x", counts=-5): "encoder glitch on axis x at t = 1.0000 s: -5 counts for 1 servo tick",
+    EncoderGlitch(time=1, axis="x", counts=-5): "encoder glitch on axis x at t = 1.0000 s: −5 counts for 1 servo tick",
     EncoderGlitch(time=0, axis="x", counts=5, ticks=3): "encoder glitch on axis x at t = 0.0000 s: +5 counts for 3 "
     "servo ticks",
     EncoderSlip(time=0.5, axis="y", counts=100): "encoder slip on axis y at t = 0.5000 s: +100 counts until the end",

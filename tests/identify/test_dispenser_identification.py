@@ -10,6 +10,7 @@ import pytest
 from gantrysim import Job
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.identify.checks.finding import NotIdentifiedError
+from gantrysim.identify.dispenser.advice import _weighings
 from gantrysim.identify.dispenser.identification import identify_dispenser
 from gantrysim.identify.dispenser.measurements import needle_of, read_measurements
 from gantrysim.identify.dispenser.output import tables_text
@@ -105,6 +106,9 @@ def test_without_its_needle_a_glue_has_no_consistency_but_a_flow(tmp_path):
 
 def test_the_tables_run_in_a_job_with_the_measured_flow(tmp_path):
     found = identified(tmp_path, weighings(Fluid(30.0, 0.6, 0.0), PRESSURES), **GLUE)
+    # of a power law, at the mean wall stress p R / (2 L) of 60 kPa and 700 kPa
+    stress = 1e3 * np.sqrt(60.0 * 700.0) * 0.41 / (4 * 12.7)
+    assert found["viscosity"].value == pytest.approx(stress / (stress / 30.0) ** (1 / 0.6), rel=0.03)
     program = "G21 G90 G64 P0.01\nG0 Z5\nG0 X10 Y10\nG1 Z0.3 F600\nM8\nG1 X60 F600\nM9\nG0 Z5\nM2\n"
     (tmp_path / "line.ngc").write_text(program, encoding="utf-8")
     head = 'name = "line"\nmachine = "xyz"\n[program]\ncontroller = "linuxcnc.Program"\nfile = "line.ngc"\n\n'
@@ -139,6 +143,16 @@ def test_dots_give_the_flow_and_the_difference_of_the_valve_s_times(tmp_path):
     table = found.tables["dispenser"]
     offset = table["closing_dead_time"] + table["closing"] - table["dead_time"] - table["opening"]
     assert offset == pytest.approx(0.004, abs=5e-4)
+
+
+def test_a_valve_whose_times_are_alike_is_known_to_have_no_offset(tmp_path):
+    """Within a tenth of the shortest open time, whatever that is of an offset near zero."""
+    lines = ["open time [ms],mass [mg]"]
+    lines += [f"{time},{2.4e-3 * time * (1 + 0.002 * (-1) ** k):.4f}" for k, time in enumerate((50, 50, 100, 200, 400))]
+    offset = identified(tmp_path, "\n".join(lines) + "\n", density=1.2)["open_time_offset"]
+    assert offset.identified
+    assert abs(offset.value) < 5e-3
+    assert offset.high - offset.low < 0.01
 
 
 def test_advice_is_a_measurement_that_narrows(tmp_path):
@@ -220,6 +234,9 @@ def test_a_pump_s_slip_needs_two_needles(tmp_path):
     rows(12.7)
     one = identified(tmp_path, "\n".join(lines), density=1.2, needle=(0.61, 12.7))
     assert not one["pump.leak"].identified
+    # what could be weighed next is between 0.7 and 1.5 times the speeds so far
+    speeds = {float(re.search(r"at ([\d.]+) rpm", words)[1]) for words, _ in _weighings(one.fit)}
+    assert (min(speeds), max(speeds)) == pytest.approx((0.7 * 5, 1.5 * 80), rel=0.01)
     assert one["pump.displacement"].low <= displacement <= one["pump.displacement"].high
     rows(50.0)
     two = identified(tmp_path, "\n".join(lines), density=1.2, needle=(0.61, 12.7))

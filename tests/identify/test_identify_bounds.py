@@ -455,3 +455,13 @@ def test_terms_of_friction_are_their_formulas():
 def test_terms_of_friction_are_told_in_words(term, coefficients, words):
     covariance = 1e-8 * np.eye(len(coefficients))
     assert term.words(np.array(coefficients), covariance, 0.025, 100.0, "mm") == words
+
+
+@pytest.mark.parametrize(("unit", "size"), [("µm", 1e3), ("inches", 1 / 25.4), ("m", 1e-3)])
+def test_a_position_too_far_is_in_the_unit_that_the_inertia_suggests(unit, size):
+    """In a unit of which the millimetre has `size`, the inertia per unit is as much smaller."""
+    low, high = AXIS.travel
+    position = np.linspace(0.0, 2.5 * (high - low), 9)
+    with pytest.raises(NotIdentifiedError, match=f"position in .*{unit}.* read as {AXIS.unit}") as error:
+        check_travel(AXIS, position, 1 / size)
+    assert str(error.value).partition("position in ")[2].startswith(unit)

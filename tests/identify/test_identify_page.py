@@ -20,7 +20,6 @@ from gantrysim.identify.torque_regression import TorqueRegression
 from gantrysim.identify.whole_run import WholeRun
 from gantrysim.report.plots.style import sheet
 
-from support.browser import chromium
 from support.pages import Page
 
 MACHINE = Machine("xy")
@@ -227,14 +226,13 @@ def test_all_identified_leaves_a_judgement_to_be_recorded(tmp_path):
     assert rows == [["another log of other moves, for gantrysim replay", "a judgement of the machine written"]]
 
 
-def test_the_page_fits_on_wide_and_narrow_screens_and_on_paper(tmp_path):
+def test_the_page_fits_on_wide_and_narrow_screens_and_on_paper(browser, tmp_path):
     page_of(tmp_path, identification(fit_of(), Finding("residual", ("static",), "a reason of some length " * 6)))
-    with chromium(tmp_path / "profile") as browser:
-        for width in (1280, 400):
-            browser.open(tmp_path / "report.html", width, 800)
-            assert browser.run("return document.documentElement.scrollWidth") == width
-        browser.media("print")
-        browser.resize(794, 1123)
-        browser.settle()
-        assert browser.run("return document.documentElement.scrollWidth") == 794
-        assert browser.messages() == []
+    for width in (1280, 400):
+        browser.open(tmp_path / "report.html", width, 800)
+        assert browser.run("return document.documentElement.scrollWidth") == width
+    browser.media("print")
+    browser.resize(794, 1123)
+    browser.settle()
+    assert browser.run("return document.documentElement.scrollWidth") == 794
+    assert browser.messages() == []

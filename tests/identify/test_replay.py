@@ -180,3 +180,22 @@ def test_the_command_prints_and_writes_all(tmp_path, spiral, gantrysim_command, 
         status, _, err = gantrysim_command("replay", "run.csv", "--machine", "xy", *arguments)
         assert status == 2
         assert message in " ".join(err.split())
+
+
+def test_a_log_that_begins_in_motion_hands_the_engine_what_was_before_its_first_row(spiral, monkeypatch):
+    """Velocity of the command over the period before, and the torque that flows."""
+    begun = []
+
+    def simulated(*arguments, start, **options):
+        begun.append(start)
+        return simulate(*arguments, start=start, **options)
+
+    monkeypatch.setattr("gantrysim.identify.replay.simulate", simulated)
+    begin = len(spiral) // 2
+    replay(MACHINE, part(CommandedLog.of(spiral), slice(begin, begin + 100)), SERVO)
+    before = (spiral.commanded[begin] - spiral.commanded[begin - 1]) / spiral.period
+    after = (spiral.commanded[begin + 1] - spiral.commanded[begin]) / spiral.period
+    assert np.abs(after - before).min() > 0.2
+    for start in begun:
+        np.testing.assert_array_equal(start.torque, spiral.demand[begin])
+        np.testing.assert_allclose(start.commanded_velocity, before, atol=0.02)

@@ -155,6 +155,18 @@ def test_a_job_file_has_the_same_defaults_as_a_program_file(tmp_path):
     assert choice_of(job) == choice_of(program)
 
 
+def test_a_program_of_fanuc_has_an_acceleration_for_its_rapid_moves(tmp_path):
+    """Without one they start at full speed, which no drive can follow."""
+    text = "O1\nG00 Z5.\nG01 Z0. F500.\nX20. F1200.\nG00 Z5.\nM30\n"
+    job = Job.load(written(tmp_path, text, "part.nc"))
+    assert job.controller.acceleration == 1000
+    assert "acceleration 1000 mm/s²" in choice_of(job)[0]
+    assert Job.load(written(tmp_path, text, "part.nc"), {"program.acceleration": 700.0}).controller.acceleration == 700
+    # up, down, along and up from rest to rest, the rapid moves at a triangle of their speed
+    expected = 2 * 2 * math.sqrt(5 / 1000) + (5 / (25 / 3) + 25 / 3 / 1000) + (20 / 20 + 20 / 1000)
+    assert job.controller.duration == pytest.approx(expected, rel=1e-6)
+
+
 def test_the_sentence_has_the_flow_at_the_programs_speed(tmp_path):
     file = written(tmp_path, RAISED)
     (note,) = choice_of(Job.load(file))

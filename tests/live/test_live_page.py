@@ -10,32 +10,11 @@ import pytest
 
 from gantrysim import Job
 from gantrysim.report.writing import results_of
+from gantrysim.results.colours import RUNS
 
-from support.browser import chromium
+from support.live_jobs import JOB, TEXT
 
 PATIENCE = 60.0  # [s]
-TEXT = """G21 G90 G64 P0.02
-F6000
-G0 X5 Y0
-M62 P0
-G1 X30
-G1 Y20
-M63 P0
-M2
-"""
-JOB = """name = "short"
-machine = "xy"
-[program]
-controller = "trio.MoveSpiral"
-diameter = 30.0
-turns = 1
-thickness = 5.0
-speed = 100.0
-loop_period = 0.02
-acceleration = 2000.0
-[dispenser]
-flow = 200.0
-"""
 # puts a file on the page as a drag from the desktop does
 DROP = """
 const [name, text] = arguments;
@@ -65,16 +44,28 @@ WHOLE = f"{BENCH}.dataset.engine === 'mujoco' && document.getElementById('work')
 
 
 class Served:
-    """A server, and a browser that shows its page."""
+    """A server of the workbench."""
 
-    def __init__(self, browser, folder, job):
-        self.browser = browser
+    def __init__(self, folder, job):
         command = [sys.executable, "-m", "gantrysim", "live", job, "--no-browser"]
         self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
         self.address = re.search(r"http://\S+", self.process.stdout.readline())[0]
 
-    def open(self):
-        self.browser.driver.get(self.address)
+    def end(self):
+        self.process.send_signal(signal.SIGINT)
+        status = self.process.wait(PATIENCE)
+        self.process.stdout.close()
+        return status
+
+
+class Page:
+    """A browser that shows a server's page."""
+
+    def __init__(self, browser, served):
+        self.browser = browser
+        self.address = served.address
+        browser.resize(1280, 900)
+        browser.driver.get(self.address)
         self.until(WHOLE)
 
     def until(self, condition):
@@ -103,19 +94,6 @@ class Served:
         """
         return self.browser.run(script)
 
-    def end(self):
-        self.process.send_signal(signal.SIGINT)
-        status = self.process.wait(PATIENCE)
-        self.process.stdout.close()
-        return status
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium")) as opened:
-        opened.resize(1280, 900)
-        yield opened
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -126,17 +104,16 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def server(browser, folder):
-    served = Served(browser, folder, "short.toml")
+def server(folder):
+    served = Served(folder, "short.toml")
     yield served
     assert served.end() == 0
 
 
 @pytest.fixture
-def page(server):
-    server.open()
-    yield server
-    assert server.browser.messages() == []
+def page(browser, server):
+    yield Page(browser, server)
+    assert browser.messages() == []
 
 
 def expected(job):
@@ -207,6 +184,32 @@ def test_the_cursor_marks_the_line_and_a_line_its_path(page):
     assert page.browser.text('.readout output[data-name="time"]') != "NaN s"
 
 
+def test_the_3d_view_follows_the_cursor_and_the_job_from_where_it_was_turned_to(page):
+    surface = ".space .surface"
+    page.changed(DROP, "part.ngc", TEXT)
+    page.browser.run("document.querySelector('[data-view=space]').click()")
+    page.until(f"document.querySelector('{surface}')?.dataset.view")
+    page.browser.run("document.querySelector('.strips').focus()")
+    page.browser.key("Home")
+    page.browser.key("ArrowRight", shift=True, presses=2)
+    described = page.browser.run(f"return document.querySelector('{surface}').getAttribute('aria-valuetext')")
+    assert described.startswith(f"t = {page.browser.text('.readout output[data-name=time]')}, x ")
+    page.browser.box(surface)  # out of sight nothing is drawn
+    page.browser.run("[...document.querySelectorAll('.space button')].find((b) => b.textContent === 'top').click()")
+    page.until(f"document.querySelector('{surface}').dataset.view.startsWith('90.00000 90.00000 ')")
+    near = distance(page)
+    page.changed(TYPE, TEXT.replace("X30", "X60"))
+    # the camera still looks down, from farther away
+    page.until(f"!document.querySelector('{surface}').dataset.view.startsWith('90.00000 90.00000 {near}')")
+    assert page.browser.run(f"return document.querySelector('{surface}').dataset.view").startswith("90.00000 90.00000 ")
+    assert float(distance(page)) > float(near)
+    page.browser.run("document.querySelector('[data-view=bead]').click()")
+
+
+def distance(page):
+    return page.browser.run("return document.querySelector('.space .surface').dataset.view.split(' ')[2]")
+
+
 def test_a_drag_moves_the_part(page):
     page.changed(DROP, "part.ngc", TEXT)
     place = slid(page, "program.placement.x")
@@ -222,21 +225,119 @@ def test_a_drag_moves_the_part(page):
     assert slid(page, "program.placement.x") == place
 
 
+def test_a_measured_trace_is_laid_beside_the_run(page, folder):
+    page.changed(OPEN, "short.toml")
+    job = Job.load(folder / "short.toml", {"servo.damping": 0.6})
+    run = job.run()
+    rows = [
+        f"{t:.4f},{a:.6f},{b:.6f},{c:.6f},{d:.6f}"
+        for t, (a, b), (c, d) in zip(run.time, run.commanded, run.encoder, strict=True)
+    ]
+    page.changed(DROP, "<b>log.csv", "\n".join(["time_s,commanded_x,commanded_y,encoder_x,encoder_y", *rows]))
+    assert page.browser.text("#beside-title") == "Beside: _b_log.csv"
+    assert page.browser.text("#difference").startswith("Contour error: ")
+    legend = "[...document.querySelectorAll('.readout.compared button')].map((b) => b.textContent)"
+    assert page.browser.run(f"return {legend}") == ["_b_log.csv", "now"]
+    colours = "[...document.querySelectorAll('.readout.compared line')].map((l) => l.getAttribute('stroke'))"
+    assert page.browser.run(f"return {colours}") == list(RUNS[:2])
+    page.changed("document.querySelector('[data-do=apart]').click()")
+    assert page.browser.run("return document.querySelector('.overlay')") is None
+    assert page.browser.run("return document.getElementById('beside').hidden")
+
+
+# roles of what one can operate
+OPERATED = {"button", "slider", "combobox", "textbox", "spinbutton", "link", "checkbox", "DisclosureTriangle", "option"}
+
+
+def nodes(page):
+    """What a screen reader is told: role, name and properties of every node."""
+    page.browser.driver.execute_cdp_cmd("Accessibility.enable", {})
+    tree = page.browser.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+    page.browser.driver.execute_cdp_cmd("Accessibility.disable", {})
+    for node in tree:
+        if not node["ignored"]:
+            properties = {entry["name"]: entry["value"].get("value") for entry in node.get("properties", ())}
+            yield node["role"]["value"], node.get("name", {}).get("value", ""), properties
+
+
+def test_a_screen_reader_is_told_every_control_and_the_verdict(page):
+    page.changed(OPEN, "short.toml")
+    told = list(nodes(page))
+    operated = [(role, name) for role, name, _ in told if role in OPERATED]
+    assert len(operated) > 50
+    assert [(role, name) for role, name in operated if not name.strip()] == []
+    texts = [name for _, name, properties in told if properties.get("live") == "polite"]
+    assert texts
+    live = "document.getElementById('verdict')"
+    assert page.browser.run(f"return {live}.getAttribute('aria-live')") == "polite"
+    assert page.browser.run(f"return {live}.getAttribute('aria-busy')") == "false"
+    page.browser.run(f"window.seen = 0; new MutationObserver(() => window.seen++).observe({live}, {{childList: true}})")
+    page.changed(SLIDE, "program.acceleration", 490)
+    # the stability first, then the first answer; the whole one, which is the same, is not read out again
+    assert page.browser.run("return window.seen") == 2
+
+
+def test_every_target_is_large_enough_for_a_finger(page):
+    script = """
+    const targets = [...document.querySelectorAll("button, select, input, summary, a[href], textarea, [tabindex='0']")];
+    const sizes = targets.map((target) => [target, target.getBoundingClientRect()]).filter(([, box]) => box.width > 1);
+    const small = sizes.filter(([, box]) => Math.min(box.width, box.height) < 23.5);
+    return [sizes.length, small.map(([target, box]) => `${target.outerHTML.slice(0, 80)} ${box.width} ${box.height}`)];
+    """
+    for name in ("short.toml", "part.ngc"):
+        page.changed(OPEN, name)
+        count, small = page.browser.run(script)
+        assert count > 40
+        assert small == []
+
+
+def touch(page, begin, end):
+    """Drag a finger over the page."""
+    send = page.browser.driver.execute_cdp_cmd
+    for kind, point in (("touchStart", begin), ("touchMove", end), ("touchEnd", None)):
+        points = [] if point is None else [{"x": point[0], "y": point[1]}]
+        send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        page.browser.settle()
+
+
+def test_a_finger_moves_a_slider_the_part_and_the_cursor(page):
+    page.browser.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
+    try:
+        page.changed(OPEN, "part.ngc")
+        left, top, width, height = page.browser.box("input[type=range][data-key=override]")
+        middle = (left + 0.5 * width, top + 0.5 * height)
+        number = page.number
+        touch(page, middle, (left + 0.25 * width, middle[1]))
+        page.until(f"Number({BENCH}.dataset.number) > {number} && {WHOLE}")
+        assert slid(page, "override") < 100
+        left, top, width, height = page.browser.box(".bead .surface")
+        middle = (left + 0.5 * width, top + 0.5 * height)
+        near_path = (middle[0], top + 0.93 * height)
+        touch(page, near_path, near_path)
+        assert page.browser.run("return document.querySelector('.readout .pin').textContent").startswith("pinned")
+        page.browser.run("[...document.querySelectorAll('.choices button')].at(-1).click()")
+        place = slid(page, "program.placement.x")
+        number = page.number
+        touch(page, middle, (middle[0] + 50, middle[1]))
+        page.until(f"Number({BENCH}.dataset.number) > {number} && {WHOLE}")
+        assert slid(page, "program.placement.x") > place + 1.0
+    finally:
+        page.browser.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+
+
 @pytest.mark.soak
 def test_a_lost_server_is_said(browser, folder):
-    served = Served(browser, folder, "part.ngc")
-    served.open()
+    served = Served(folder, "part.ngc")
+    page = Page(browser, served)
     (folder / "part.ngc").write_text(TEXT.replace("Y20", "Y25"))
-    served.until("document.querySelector('textarea').value.includes('Y25')")
-    served.until(WHOLE)
+    page.until("document.querySelector('textarea').value.includes('Y25')")
+    page.until(WHOLE)
     assert browser.messages() == []
     served.process.kill()
     served.process.wait()
     served.process.stdout.close()
-    served.until("!document.getElementById('lost').hidden")
+    page.until("!document.getElementById('lost').hidden")
     assert "server is gone" in browser.text("#lost")
-    browser.driver.get("about:blank")
-    browser.messages()
 
 
 @pytest.mark.soak
@@ -254,6 +355,23 @@ def test_what_to_change_is_stopped_and_tried(page):
     page.changed("document.querySelector('[data-proposal]').click()")
     assert all(float(usage.removesuffix(" %")) <= 100 for usage in promised)
     assert page.browser.run("return document.querySelectorAll('#verdict .row.is-fail').length") == 0
+
+
+@pytest.mark.soak
+def test_a_film_is_made_seen_and_downloaded(page):
+    page.changed(DROP, "part.ngc", TEXT)
+    page.browser.run("document.querySelector('[data-do=film]').click()")
+    page.until("document.getElementById('video').readyState >= 1")
+    assert page.browser.run("return document.getElementById('video').videoWidth") == 960
+    assert page.browser.run("return document.getElementById('download').download") == "part.mp4"
+    size = """
+    const [done] = arguments;
+    fetch(document.getElementById("download").href).then((answer) => answer.blob()).then((film) => done(film.size));
+    """
+    assert page.browser.driver.execute_async_script(size) > 10_000
+    page.changed(TYPE, TEXT.replace("Y20", "Y30"))
+    assert page.browser.text("#former") == "of a former value"
+    page.browser.run("document.getElementById('film-close').click()")
 
 
 @pytest.mark.soak

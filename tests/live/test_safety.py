@@ -13,6 +13,7 @@ from gantrysim.live.draft import Draft
 from gantrysim.live.guard import TOKEN, Guard
 from gantrysim.live.serving import opened
 from gantrysim.live.store import LONGEST_UPLOAD, Store
+from gantrysim.live.worker import Message
 
 PORT = 8123
 OWN = f"http://127.0.0.1:{PORT}"
@@ -57,6 +58,41 @@ def entered(served):
     return client
 
 
+@pytest.fixture
+def filmed(tmp_path, monkeypatch):
+    """A browser that has entered, a workbench with a film, and its address."""
+    monkeypatch.setattr("gantrysim.live.app.Worker", NoWorker)
+    film = tmp_path / "film.mp4"
+    film.write_bytes(bytes(range(100)))
+    hub = Hub(tmp_path, "an225", tmp_path)
+    guard = Guard(app_of(hub), "127.0.0.1", PORT)
+    with TestClient(guard, OWN, follow_redirects=False) as client:
+        client.get("/", params={TOKEN: guard.token})
+        hub.workbench.receive(Message(0, "film", {"name": 'a"\n<b>', "file": str(film)}))
+        yield client
+
+
+def test_a_film_is_given_in_parts_under_its_number_alone(filmed):
+    answer = filmed.get("/film", params={"number": "0"}, headers={"range": "bytes=10-19"})
+    assert (answer.status_code, answer.content) == (206, bytes(range(10, 20)))
+    assert answer.headers["content-type"] == "video/mp4"
+    assert answer.headers["cross-origin-resource-policy"] == "same-origin"
+    assert "\n" not in answer.headers["content-disposition"]
+    for number in ("", "1", "00", "../film.mp4", "/etc/passwd", "0\0"):
+        assert filmed.get("/film", params={"number": number}).status_code == 404
+    assert filmed.get("/film/0").status_code == 404
+    assert filmed.get("/film", params={"number": "0"}, headers={"range": "bytes=900-"}).status_code == 416
+
+
+def test_a_film_is_given_to_no_foreign_name_and_nothing_is_posted_there(filmed):
+    answer = filmed.get("/film", params={"number": "0"}, headers={"host": f"attacker.example:{PORT}"})
+    assert answer.status_code == 421
+    assert filmed.post("/film", params={"number": "0"}, headers={"origin": ELSEWHERE}).status_code == 403
+    assert filmed.post("/film", params={"number": "0"}, headers={"origin": OWN}).status_code == 405
+    filmed.cookies.clear()
+    assert filmed.get("/film", params={"number": "0"}).status_code == 403
+
+
 def socket_refused(client, **headers):
     try:
         with client.websocket_connect(SOCKET, headers=headers):
@@ -77,7 +113,7 @@ def test_the_first_address_sets_a_strict_cookie_and_hides_the_token(served):
     assert client.get("/").status_code == 200
 
 
-@pytest.mark.parametrize("path", ["/", "/workbench.js", "/workbench.css", "/socket", "/none"])
+@pytest.mark.parametrize("path", ["/", "/workbench.js", "/workbench.css", "/viewer3d.js", "/film", "/socket", "/none"])
 def test_nothing_is_served_without_the_cookie(served, path):
     _, client = served
     assert client.get(path).status_code == 403
@@ -184,6 +220,23 @@ def test_a_dropped_file_stays_in_the_temporary_folder(entered, tmp_path, name, s
     )
     assert [file.name for file in (tmp_path / "scratch").iterdir()] == [stored]
     assert NoWorker.asked[-1].draft.path == str(tmp_path / "scratch" / stored)
+
+
+def test_a_dropped_trace_is_no_job_and_its_columns_name_no_file(entered, tmp_path):
+    log = "time,encoder_x\n" + "\n".join(f"{0.1 * k:.1f},{k}" for k in range(10))
+    answer = entered.post("/upload", params={"name": "../<b>.csv"}, content=log, headers={"origin": OWN})
+    assert answer.status_code == 200
+    request = NoWorker.asked[-1]
+    assert request.draft.path == "an225"
+    assert request.beside.path == str(tmp_path / "scratch" / "_b_.csv")
+    with entered.websocket_connect(SOCKET, headers={"origin": OWN}) as socket:
+        assert socket.receive_json()["jobs"]["dropped"] == []
+        for columns in ("/etc/passwd", "../secret.toml", 5, "x" * (1 << 25)):
+            socket.send_json({"do": "columns", "columns": columns})
+            assert socket.receive_json()["kind"] == "remark"
+        socket.send_json({"do": "columns", "columns": "time=t", "period": "soon"})
+        assert socket.receive_json()["kind"] == "remark"
+    assert NoWorker.asked[-1] is request
 
 
 def test_only_listed_jobs_are_opened(tmp_path):

@@ -1,7 +1,9 @@
 """The workbench's state: history, saving, comparison, texts and refusals, and the answers of its worker."""
 
 import json
+from pathlib import Path
 
+import imageio.v3
 import numpy as np
 import pytest
 
@@ -15,26 +17,7 @@ from gantrysim.live.worker import Message
 from gantrysim.report.viewer_data import ViewerData
 from gantrysim.report.writing import results_of
 
-TEXT = """G21 G90 G64 P0.02
-F6000
-G0 X5 Y0
-M62 P0
-G1 X30
-M63 P0
-M2
-"""
-JOB = """name = "short"
-[program]
-controller = "trio.MoveSpiral"
-diameter = 30.0
-turns = 1
-thickness = 5.0
-speed = 100.0
-loop_period = 0.02
-acceleration = 2000.0
-[dispenser]
-flow = 200.0
-"""
+from support.live_jobs import JOB, TEXT
 
 
 class Answers:
@@ -97,7 +80,7 @@ def test_the_quick_and_the_whole_answer_are_the_commands_values(answers, tmp_pat
         rows = {row["name"]: row["texts"] for row in result["head"]["rows"]}
         assert rows == {row.name: list(row.texts) for row in results.verdict.rows}
     assert [quick["head"]["engine"], whole["head"]["engine"]] == ["loop", "mujoco"]
-    assert set(whole["parts"].columns) == set(ViewerData(results).content()["columns"])
+    assert set(whole["parts"].columns) == set(ViewerData(results, flat_in_space=True).content()["columns"])
     (margins,) = content_of(messages, "margins")
     assert margins["row"]["texts"] == rows["stability"]
 
@@ -183,6 +166,42 @@ def test_the_report_is_written_as_the_command_does(answers, tmp_path):
     assert summary["verdict"]["headline"] == results_of(job, job.run(), causes=False).verdict.headline
 
 
+@pytest.mark.soak
+def test_a_film_shows_the_run_and_a_newer_request_leaves_none(answers, tmp_path):
+    file = tmp_path / "short.toml"
+    file.write_text(JOB)
+    draft = Draft(str(file), values={"program.speed": 400.0})
+    (film,) = content_of(answers.ask("film", draft, folder=str(tmp_path / "films")), "film")
+    frames = imageio.v3.imread(film["file"])
+    end = Job.load(file, {"program.speed": 400.0}).run().time[-1]
+    assert len(frames) == pytest.approx(25 * (end + 1), abs=2)  # with the end card
+    request = Request(answers.number + 1, "film", draft, folder=str(tmp_path / "others"))
+    answers.number += 1
+    answers.studio.newest = request.number
+
+    def send(kind, content):
+        if content.get("task") == "film: draw":
+            answers.studio.newest = request.number + 1
+
+    with pytest.raises(StaleError):
+        answers.studio.answer(request, send)
+    assert list((tmp_path / "others").iterdir()) == []
+    answers.number += 1
+
+
+def test_a_film_of_a_former_draft_is_said(bench):
+    made, asked, _ = bench
+    made.do({"do": "film"})
+    assert asked[-1].task == "film"
+    number = asked[-1].number
+    made.receive(Message(number, "film", {"name": "short", "file": "film.mp4"}))
+    assert made.state()["filmed"]
+    made.do({"do": "program", "text": "x"})
+    assert not made.state()["filmed"]
+    assert made.film(str(number)) == (Path("film.mp4"), "short")
+    assert made.film(str(number + 1)) is None
+
+
 def test_a_newer_request_ends_an_older_one(answers):
     answers.number += 1
     request = Request(answers.number, "show", Draft("an225"))
@@ -228,6 +247,18 @@ def test_undo_and_redo_go_through_what_was_done(bench, tmp_path):
     assert [request.draft for request in asked][-1] == first
 
 
+def test_what_was_undone_is_gone_once_something_else_is_changed(bench, tmp_path):
+    made, asked, _ = bench
+    receive_controls(made, asked, tmp_path)
+    made.do({"do": "set", "values": {"servo.damping": 0.7}})
+    made.do({"do": "undo"})
+    assert made.state()["can_redo"]
+    made.do({"do": "set", "values": {"dispenser.flow": 210.0}})
+    assert not made.state()["can_redo"]
+    with pytest.raises(InputError, match="nothing to redo"):
+        made.do({"do": "redo"})
+
+
 def test_a_drag_of_a_slider_is_one_step(bench, tmp_path):
     made, asked, _ = bench
     receive_controls(made, asked, tmp_path)
@@ -261,6 +292,48 @@ def test_a_job_is_saved_as_it_was_simulated_and_put_back(bench, tmp_path):
     assert (tmp_path / "short.toml").read_text() == JOB + "# now\n"
     made.do({"do": "unsave"})
     assert (tmp_path / "short.toml").read_text() == JOB
+
+
+def test_a_job_that_is_changed_or_refused_is_not_saved_as_the_one_before_it(bench, tmp_path):
+    made, asked, _ = bench
+    made.receive(Message(asked[-1].number, "result", {"head": {}, "parts": None, "toml": JOB}))
+    made.do({"do": "program", "text": "x"})
+    for _ in range(2):
+        with pytest.raises(InputError, match="not simulated yet, or is refused"):
+            made.do({"do": "save", "name": "new"})
+        refusal = {"text": "no", "line": 1, "word": "", "task": "show"}
+        made.receive(Message(asked[-1].number, "refused", refusal))
+    assert not (tmp_path / "new.toml").exists()
+
+
+def test_a_file_that_was_changed_is_read_again_and_another_reference_is_run(tmp_path):
+    """Neither the job that was opened last nor the run that was kept last stands for another."""
+    studio = Studio(tmp_path)
+    file = tmp_path / "part.ngc"
+    speeds = []
+    for feed in ("F6000", "F3000"):
+        file.write_text(TEXT.replace("F6000", feed))
+        speeds.append(studio._open(Draft(str(file), version=version_of(str(file)))).controller.programmed_speed)
+    assert speeds == [100.0, 50.0]
+    text = file.read_text().replace("X30", "X20")
+    assert studio._open(Draft(str(file), text=JOB)).name == "short"
+    drafts = [Draft(str(file), version=2), Draft(str(file), program=text, version=2)]
+    times = [studio._reference_results(draft, lambda *_: None).budget.analysis.run.time[-1] for draft in drafts]
+    # 10 mm less at 50 mm/s
+    assert times[0] - times[1] == pytest.approx(0.2, abs=1e-3)
+
+
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_a_proposal_for_the_whole_job_replaces_the_override_and_one_lever_keeps_it(bench, tmp_path, is_whole):
+    """The values of the best combination are those at the program's own speed, which they may set."""
+    made, asked, _ = bench
+    receive_controls(made, asked, tmp_path)
+    made.do({"do": "set", "values": {"override": 50.0}})
+    proposal = {"values": {"dispenser.flow": 100.0}, "program": None, "is_whole": is_whole}
+    made.receive(Message(asked[-1].number, "proposals", {"proposals": [proposal]}))
+    made.do({"do": "try", "number": 0})
+    assert asked[-1].draft.values == {"dispenser.flow": 100.0}
+    assert asked[-1].draft.override == (100.0 if is_whole else 50.0)
 
 
 def test_a_file_that_changes_on_disk_is_taken_over_with_the_controls(bench, tmp_path):

@@ -75,7 +75,7 @@ def test_setpoints_without_progress_have_the_errors_of_those_with_it(xy: Machine
     unstated = Setpoints(1e-3, stated.axes, stated.position, stated.dispense, path)
     first = Budget(simulate(xy, servo, stated))
     second = Budget(simulate(xy, servo, unstated))
-    assert first.analysis.progress_is_stated
-    assert not second.analysis.progress_is_stated
+    assert first.analysis.run.progress is not None
+    assert second.analysis.run.progress is None
     assert second.values.contour.rms == pytest.approx(first.values.contour.rms, rel=1e-3)
     assert second.values.contour.max == pytest.approx(first.values.contour.max, rel=1e-3)

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import pytest
 
 from gantrysim import Job
-from gantrysim.remedy.combination import MOST_MOTIONS, Combinations, Pick, fewest_levers, merged_picks, motion_fails
+from gantrysim.remedy.combination import MOST_MOTIONS, Combinations, Pick, fewest_levers, merged_picks
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.levers.speed import FASTER, SLOWER
 from gantrysim.remedy.levers.valve import LAG_COMPENSATION
-from gantrysim.results.checks import FAIL, PASS
-from gantrysim.results.row import Row
+from gantrysim.remedy.outcome import Motion
+from gantrysim.results.verdict import motion_rows
 
 from support.remedies import AREA, LAG, SIDES, lines_job, outcome
 
@@ -44,6 +44,10 @@ def sums(passes, duration=lambda values: 1.0, runs=None):
     )
 
 
+def none_fails(jobs):
+    return [False] * len(jobs)
+
+
 def labels(picks):
     return [(pick.lever.name, pick.setting) for pick in picks]
 
@@ -55,22 +59,22 @@ GREEDY = [Pick(ONE, "1"), Pick(TWO, "2"), Pick(THREE, "3")]
 def test_fewer_levers_with_other_settings_replace_a_combination():
     """1 + 2 + 3 passes from 6 on, as 8 alone does."""
     combinations = sums(lambda values: sum(values) >= 6)
-    assert labels(fewest_levers(combinations, GREEDY, repr)) == [("two", "8")]
+    assert labels(fewest_levers(combinations, GREEDY, repr, none_fails)) == [("two", "8")]
 
 
 def test_of_as_few_levers_the_shortest_run_is_taken():
     combinations = sums(lambda values: sum(values) >= 11, duration=lambda values: 1.0 + 0.2 * (3 in values))
     picks = [Pick(ONE, "4"), Pick(TWO, "8"), Pick(THREE, "3")]
-    assert labels(fewest_levers(combinations, picks, repr)) == [("one", "4"), ("two", "8")]
+    assert labels(fewest_levers(combinations, picks, repr, none_fails)) == [("one", "4"), ("two", "8")]
 
 
 def test_fewer_levers_that_take_longer_are_not_taken():
     combinations = sums(lambda values: sum(values) >= 6, duration=lambda values: 2.0 - 0.1 * len(values))
-    assert labels(fewest_levers(combinations, GREEDY, repr)) == labels(GREEDY)
+    assert labels(fewest_levers(combinations, GREEDY, repr, none_fails)) == labels(GREEDY)
 
 
 def test_a_combination_that_does_not_pass_stays():
-    assert labels(fewest_levers(sums(lambda values: False), GREEDY, repr)) == labels(GREEDY)
+    assert labels(fewest_levers(sums(lambda values: False), GREEDY, repr, none_fails)) == labels(GREEDY)
 
 
 def test_too_many_motions_are_not_simulated():
@@ -78,7 +82,7 @@ def test_too_many_motions_are_not_simulated():
     many = lever("many", *range(1, MOST_MOTIONS + 2))
     combinations = sums(lambda values: sum(values) >= 100, runs=runs)
     picks = [Pick(many, "60"), Pick(lever("other", 40), "40")]
-    assert labels(fewest_levers(combinations, picks, lambda job: str(job.values))) == labels(picks)
+    assert labels(fewest_levers(combinations, picks, lambda job: str(job.values), none_fails)) == labels(picks)
     assert len(runs) <= 4
 
 
@@ -146,34 +150,44 @@ def test_levers_that_leave_a_row_alone_are_not_tried_without_others():
     runs = []
     combinations = sums(lambda values: sum(values) >= 6, runs=runs)
     two_rows = Combinations(
-        combinations.state_of([]), combinations.measured, lambda _: {"path", "glue"}, lambda job: job
+        combinations.state_of([]), combinations.measure_all, lambda _: {"path", "glue"}, lambda job: job
     )
     glue = Lever("glue lever", "", "", ("glue",), lambda state: [Setting("5", {"glue": 5})])
     picks = [Pick(ONE, "1"), Pick(glue, "5")]
-    assert labels(fewest_levers(two_rows, picks, repr)) == labels(picks)
+    assert labels(fewest_levers(two_rows, picks, repr, none_fails)) == labels(picks)
     assert (5,) not in runs
 
 
-def test_a_motion_whose_path_fails_is_not_tried_with_another_glue():
-    """A job of three leads, whose motion fails in its path: one of them is run."""
-
-    def seen(**states):
-        rows = tuple(Row(name, state=state) for name, state in states.items())
-        return SimpleNamespace(burden=1.0, duration=1.0, verdict=SimpleNamespace(rows=rows))
-
-    assert motion_fails(seen(path=FAIL, glue=PASS))
-    assert not motion_fails(seen(path=PASS, glue=FAIL))
-    for path, count in ((FAIL, 1), (PASS, 3)):
-        runs = set()
-        combinations = sums(lambda values: sum(values) >= 30)
-        measured = Combinations(
-            combinations.state_of([]),
-            lambda jobs, path=path, runs=runs: [runs.add(job.values) or seen(path=path, glue=FAIL) for job in jobs],
-            lambda _: {"path"},
-            lambda job: job,
-        )
-        present = SimpleNamespace(burden=0.0, duration=1.0, verdict=None)
+def test_a_motion_that_fails_is_not_tried_with_another_glue():
+    """A job of three leads, with one motion: none is measured where it fails, all are where it does not."""
+    for fails, count in ((True, 0), (False, 3)):
+        runs = []
+        combinations = sums(lambda values: sum(values) >= 30, runs=runs)
         leads = lever("leads", 10, 20, 30)
-        measured.state_of([Pick(leads, "30")]).__dict__["outcome"] = present
-        fewest_levers(measured, [Pick(leads, "30")], lambda job: "one motion")
-        assert len(runs) == count
+        picks = [Pick(leads, "30")]
+        assert combinations.state_of(picks).outcome.burden == 0
+        runs.clear()
+        fewest_levers(combinations, picks, lambda job: "one motion", lambda jobs, fails=fails: [fails] * len(jobs))
+        # without the job as it is
+        assert len([values for values in runs if values]) == count
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"tolerance.path_max": 1e-3},
+        {"tolerance.least_gain_margin": 100.0},
+        {"tolerance.torque_reserve": 99.9},
+        {"dispenser.dead_time": 0.2},
+    ],
+)
+def test_a_motion_fails_as_its_verdict_says(changes):
+    """Without the bead and the links, as with them: path, stability or machine fail, or the glue alone."""
+    job = lines_job(SIDES, dispenser={"area": AREA, **LAG}).changed(changes)
+    motion = Motion.of(job)
+    verdict = motion.outcome(job).verdict
+    rows = [row for row in verdict.rows if row.name != "glue"]
+    assert list(motion_rows(job, motion.budget)) == [rows[1], rows[2], rows[0]]
+    is_of_motion = bool(changes) and "dispenser.dead_time" not in changes
+    assert Motion.of(job).fails == motion.outcome(job).motion_fails == is_of_motion

@@ -19,7 +19,7 @@ from gantrysim.remedy.combination import Pick
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.improve import Search, another_part, improve, worst_rows
 from gantrysim.remedy.lever import Lever, Setting
-from gantrysim.remedy.outcome import Motion, Outcome, measured_outcome, measured_together, motion_key
+from gantrysim.remedy.outcome import Motion, Outcome, measured_together, motion_key
 from gantrysim.remedy.report import TITLE, change_section, comparison_of
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
@@ -27,7 +27,20 @@ from gantrysim.study.cases import measure
 from gantrysim.study.speed import SpeedStudy
 from gantrysim.study.speed.study import Grade, SpeedAnswer
 
-from support.remedies import CIRCLE, DOTS, FLOW, LAG, LINE, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
+from support.remedies import (
+    CIRCLE,
+    DOTS,
+    FLOW,
+    LAG,
+    LINE,
+    SIDES,
+    fixed_flow,
+    lagging,
+    lines_job,
+    measured_outcome,
+    outcome,
+    rubbing,
+)
 
 GLUE_LEVERS = ("flow by speed", "lag compensation", "leads")
 
@@ -173,7 +186,7 @@ def test_a_lever_that_can_be_spared_is_left_out():
     half = lever("half", {"dispenser.opening": 0.01, "dispenser.closing": 0.01, "dispenser.dead_time": 0.0})
     whole = lever("whole", {"dispenser.opening": 0.0, "dispenser.closing": 0.0, "dispenser.dead_time": 0.0})
     search = Search(lagging(), Bench(lagging(), 1), ("glue",))
-    assert [pick.lever.name for pick in search.combined([half, whole])] == ["whole"]
+    assert [pick.lever.name for pick in search.best_picks([half, whole])] == ["whole"]
     both = [Pick(half, ""), Pick(whole, "")]
     assert search._combinations.without_spare(both) == [both[1]]
 
@@ -377,7 +390,7 @@ def test_the_section_of_a_report():
         for row in verdict.rows:
             for check in row.checks:
                 texts = [text for (of, words), text in shown.items() if of == row.name and check.quantity in words]
-                assert number_text(check.value, check.form).replace("-", "−") in texts
+                assert number_text(check.value, check.form) in texts
     assert alone.folded == f"Each lever alone: {len(result.trials)} runs"
     assert [result.rows[0], *alone.rows[1:], *combined.rows[1:]] == result.rows
     assert all(text.rstrip() in section.code for text in result.lines.values())

@@ -6,14 +6,16 @@ import pytest
 
 from gantrysim import Verdict
 from gantrysim.job.job import Job
-from gantrysim.remedy.improvement import Improvement, bound_of, names_of
+from gantrysim.remedy.bounds import bound_of
+from gantrysim.remedy.improvement import Improvement, names_of
 from gantrysim.remedy.lever import Lever
-from gantrysim.remedy.outcome import Outcome, measured_outcome
+from gantrysim.remedy.outcome import Outcome
+from gantrysim.remedy.report import remedy_of
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
 
-from support.remedies import SIDES, lines_job
+from support.remedies import SIDES, lines_job, measured_outcome
 
 ROWS = ("path", "stability", "machine")
 
@@ -53,8 +55,8 @@ def result_of(after=BEFORE, *, combination=(), trials=(), skipped=(), before=BEF
     return Improvement(job, before, tuple(trials), tuple(skipped), tuple(combination), after, job)
 
 
-def picked(after, *names):
-    return [trial_of(name, f"× {k + 2}" if k == 0 else "", BEFORE, after) for k, name in enumerate(names)]
+def picked(after, *names, before=BEFORE):
+    return [trial_of(name, f"× {k + 2}" if k == 0 else "", before, after) for k, name in enumerate(names)]
 
 
 def test_the_sentence_says_what_is_reached_and_what_remains():
@@ -68,6 +70,43 @@ def test_the_sentence_says_what_is_reached_and_what_remains():
     sentence = result_of(before=outcome_of(0.5, 0.85, 0.9), after=outcome_of(0.5, 0.85, 0.9)).sentence
     assert sentence.startswith("no lever helps; no combination leaves a 20 % margin: machine remains, size 0")
     assert sentence.endswith("What forbids it is the drives: their torque or speed has too little reserve.")
+
+
+def glue_of(ploughed, width, remark="1 pass; it never lifts: lift it before dry moves, or lead them around the bead"):
+    """An outcome whose needle ploughs a length of its bead, beside a path that passes."""
+    checks = [
+        Check(name="bead_ploughed", quantity="bead ploughed", value=ploughed, limit=0.0, unit="mm", source="default"),
+        Check(name="bead_width", quantity="bead too narrow by", value=width, limit=10.0, unit="%", source="default"),
+    ]
+    return Outcome(Verdict((verdict_of(0.5, 0.5, 0.5).rows[0], Row.of("glue", checks, remark))), 10.0)
+
+
+def test_what_no_lever_cures_is_told_first_with_what_does():
+    """The change proposed is for another value than the one that spoils the run: it must not seem to cure that."""
+    order = "lift it before dry moves, or lead them around the bead"
+    before, after = glue_of(2.5, 15.2), glue_of(2.4, 2.04)
+    result = result_of(after, before=before, combination=picked(after, "lag compensation", before=before))
+    assert result.sentence == (
+        f"no lever cures bead ploughed: {order}. "
+        "Lag compensation (× 2) is for what else fails: bead too narrow by 15.2 → 2.0 %."
+    )
+    assert remedy_of(result).change == result.sentence.replace("no", "No", 1)
+    assert result_of(before, before=before).sentence == f"no lever cures bead ploughed: {order}."
+    crossed = "1 pass; the path crosses its own bead: lay it without crossings"
+    most = glue_of(0.5, 2.0, crossed)
+    sentence = result_of(most, before=before, combination=picked(most, "lift", before=before)).sentence
+    assert sentence == (
+        "best with lift (× 2); nothing meets the tolerance: glue remains, bead ploughed 0.5 mm, at most 0 mm. "
+        "The path crosses its own bead: lay it without crossings."
+    )
+
+
+def test_the_lever_that_lowers_the_worst_value_is_named_first():
+    before, wide, most = glue_of(14.7, 22.0), glue_of(14.7, 5.0), glue_of(1.5, 5.0)
+    levers = [trial_of("lag compensation", "", before, wide), trial_of("lift", "3 mm", before, most)]
+    assert result_of(most, before=before, combination=levers).sentence.startswith(
+        "best with lift (3 mm), lag compensation; nothing meets the tolerance: glue remains, bead ploughed 1.5 mm"
+    )
 
 
 def test_a_run_that_is_not_judged_has_no_levers_tried():
@@ -110,7 +149,7 @@ def test_a_usage_without_bound_is_told_with_the_next_one(usages, text):
 
 def test_levers_that_were_not_tried_are_told_by_their_reason():
     skipped = [Skipped(lever(name), reason) for name, reason in (("a", "late"), ("b", "costly"), ("c", "late"))]
-    assert result_of(skipped=skipped).untried == {"late": "a, c", "costly": "b"}
+    assert result_of(skipped=skipped).untried_levers == {"late": "a, c", "costly": "b"}
 
 
 def test_names_of_levers_come_with_their_settings():

@@ -211,6 +211,15 @@ def test_leads_shorten_the_starts_and_stops_of_a_late_valve(label):
     assert ends(changed("leads", late(), label)) < 0.05
 
 
+def test_the_leads_of_the_dead_time_are_those_of_opening_and_closing():
+    job = lines_job(SIDES, dispenser=LATE | {"closing_dead_time": 0.015})
+    settings = {setting.label: setting.changes for setting in settings_of("leads", job)}
+    expected = {"dispenser.start_lead": 0.04, "dispenser.stop_lead": 0.015}
+    assert settings["of the dead time"] == expected
+    # where there is no lag, the ends of the bead say the same
+    assert settings["of the measured ends"] == pytest.approx(expected, abs=1e-3)
+
+
 def test_the_measured_leads_are_the_dead_time_of_a_valve_without_lag():
     """At a speed of 100 mm/s the glue of 40 ms is missing, and in excess."""
     settings = {setting.label: setting.changes for setting in settings_of("leads", late())}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gantrysim.controllers.stretches import Stretches
+from gantrysim.remedy.by_place import _Search
 from gantrysim.remedy.local_usage import ENDS, LARGEST, LEVEL, WIDTH, LocalUsage
 from gantrysim.remedy.speed_model import TARGET, SpeedModel
 from gantrysim.remedy.speed_plan import few_speeds
@@ -86,6 +87,23 @@ def test_the_level_follows_what_the_whole_path_uses_of_its_limit():
     assert model.level == pytest.approx(TARGET**2 / 0.6)
 
 
+def test_a_stretch_may_use_its_level_of_the_limit_of_95_percent():
+    """With twice the room to the largest error, v² / (R k²) of the arcs is the level times its share."""
+
+    def level_alone(speeds):
+        shares = usage(speeds).shares
+        shares[[LARGEST, WIDTH, ENDS]] *= 0.5
+        return LocalUsage(shares, speeds)
+
+    model = SpeedModel(path())
+    even = np.full(5, 50.0)
+    model.add_even_run(level_alone(2 * even), 1.0)
+    model.add_even_run(level_alone(even), 0.5)
+    assert model.speeds(0.05, 1.0)[1] == pytest.approx(allowed(10.0))
+    model.add_run(level_alone(even), even, TARGET / 1.44)
+    assert model.speeds(0.05, 1.0)[1] == pytest.approx(1.2 * allowed(10.0))
+
+
 def test_starts_and_stops_are_slow_and_the_way_between_is_not():
     stretches = Stretches.of([10.0] * 20, list(range(20)), [PROGRAMMED] * 20)
     model = SpeedModel(stretches)
@@ -115,3 +133,11 @@ def test_written_speeds_are_few_never_above_those_wanted_and_cost_one_percent():
 def test_a_speed_just_below_the_one_wanted_stays():
     stretches = Stretches.of([10.0, 10.0], [1, 2], [123.45, 123.45])
     assert few_speeds({1: 125.0, 2: 200.0}, stretches) == {1: 123.45, 2: 200.0}
+
+
+def test_a_line_that_runs_twice_is_as_fast_as_its_slowest_pass():
+    """As one in a loop: whichever pass comes last."""
+    for speeds in ([90.0, 50.0, 30.0], [30.0, 50.0, 90.0]):
+        search = _Search(None, Stretches.of([10.0] * 3, [1, 2, 1], [PROGRAMMED] * 3), [{}], None)
+        search._model.add_even_run(LocalUsage(np.zeros((4, 3, 2)), np.full(3, PROGRAMMED)), 1.0)
+        assert search._written(np.array(speeds)) == {1: 30.0, 2: 50.0}

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.job.job import Job
-from gantrysim.render.film import Film, Take
+from gantrysim.render.film import Film, Take, _common_framing
 from gantrysim.render.flight import FADED, Flight, Sight, View
 from gantrysim.render.framing import FIELD_OF_VIEW, MARGIN, Framing
 from gantrysim.render.renderer import Inset
@@ -193,3 +193,15 @@ def test_a_framing_looks_at_places_evenly_from_all_runs(sizes):
     places = np.concatenate([run.nozzle[run.dispense] if run.dispense.any() else run.nozzle for run in runs])
     expected = 1e-3 * places[:: max(1, len(places) // 2000)]
     np.testing.assert_array_equal(Framing.of(runs, 30.0).points, expected)
+
+
+def test_runs_of_different_machines_have_no_framing_in_common():
+    """A bead of one may lie where the other has none."""
+    takes = []
+    for machine in ("xy", "xyz"):
+        program = {"controller": "linuxcnc.Program", "text": "G21 G90 G1 X20 F3000\nY10\nM2\n"}
+        content = {"name": "corner", "machine": machine, "program": program, "dispenser": {"area": 1.0}}
+        job = Job.of_content(content, "job corner")
+        takes.append(Take(job.built_machine, job.follow()))
+    assert _common_framing(takes, (640, 360)) is None
+    assert _common_framing([takes[0], takes[0]], (640, 360)) is not None

@@ -10,8 +10,6 @@ from gantrysim.report.page import write_run_page
 from gantrysim.results.colours import RIGHT, channels
 from gantrysim.results.run_results import RunResults
 
-from support.browser import chromium
-
 DOTS = "G21 G90 G61\n" + "".join(
     f"G0 Z{z + 3}\nG0 X{x}\nG0 Z{z}\nM3\nG4 P0.2\nM5\nG0 Z{z + 3}\n" for x, z in ((0, 0), (8, 4), (16, 0))
 )
@@ -45,18 +43,16 @@ def results():
     return RunResults(job, job.built_machine, Budget(analysis), Bead(run, job.bead, analysis))
 
 
-def test_a_page_of_dots_alone_draws_them_in_plan_view_and_in_3d(results, tmp_path):
+def test_a_page_of_dots_alone_draws_them_in_plan_view_and_in_3d(browser, results, tmp_path):
     write_run_page(tmp_path / "report.html", results)
-    with chromium(tmp_path / "chromium") as browser:
-        browser.media()
-        browser.open(tmp_path / "report.html")
-        browser.wait("document.querySelector('.bead .surface canvas').width > 0")
-        assert browser.run("return document.querySelector('.bead figcaption').textContent").startswith(
-            "Dotsvolume of 3 dots"
-        )
-        counts = browser.run(COLOURS)
-        # three discs of the diameter of 4 mm³ in the colour of what is as requested, less their rims
-        scale = browser.run("return document.querySelector('.bead .surface').clientWidth") / (16 + 2 * 3.2)
-        assert counts[AS_REQUESTED] > 3 * 0.5 * (0.5 * results.bead.dots[0].diameter * scale / 2) ** 2
-        browser.wait("document.querySelector('.space canvas') !== null")
-        assert [message for message in browser.messages() if "GPU stall due to ReadPixels" not in message] == []
+    browser.open(tmp_path / "report.html")
+    browser.wait("document.querySelector('.bead .surface canvas').width > 0")
+    assert browser.run("return document.querySelector('.bead figcaption').textContent").startswith(
+        "Dotsvolume of 3 dots"
+    )
+    counts = browser.run(COLOURS)
+    # three discs of the diameter of 4 mm³ in the colour of what is as requested, less their rims
+    scale = browser.run("return document.querySelector('.bead .surface').clientWidth") / (16 + 2 * 3.2)
+    assert counts[AS_REQUESTED] > 3 * 0.5 * (0.5 * results.bead.dots[0].diameter * scale / 2) ** 2
+    browser.wait("document.querySelector('.space canvas') !== null")
+    assert [message for message in browser.messages() if "GPU stall due to ReadPixels" not in message] == []

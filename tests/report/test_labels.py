@@ -11,8 +11,7 @@ from gantrysim.report.page import write_run_page
 from gantrysim.report.writing import results_of
 from gantrysim.results.run_results import RunResults
 
-from support.browser import chromium
-from support.labels import label_faults, note_texts
+from support.labels import label_faults, noting_texts
 from support.viewer_jobs import climbing_job, viewer_job
 
 NARROW = 400
@@ -20,11 +19,10 @@ WIDTHS = (1280, 900, NARROW)
 LEAST = 11  # of a label on a phone [pixels]
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium")) as opened:
-        note_texts(opened)
-        yield opened
+@pytest.fixture(autouse=True)
+def noted(browser):
+    with noting_texts(browser):
+        yield
 
 
 def check_labels(browser, file):

@@ -8,7 +8,6 @@ import pytest
 
 from gantrysim import InputError
 
-from support.browser import chromium
 from support.viewer_jobs import viewer_job
 
 HOST = """<!DOCTYPE html>
@@ -35,12 +34,6 @@ def run():
 @pytest.fixture(scope="module")
 def view(run):
     return run.view()
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium")) as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")

@@ -22,9 +22,11 @@ from gantrysim.job.lines import program_lines, program_lines_at
 from gantrysim.machine.outline import outline
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.metrics.budget import Budget
+from gantrysim.remedy.report import changes_of
 from gantrysim.report.encoding import encoded_ascending, encoded_numbers, encoded_runs, shown_rows
 from gantrysim.report.page import write_run_page
 from gantrysim.report.viewer_data import MOTION, POSES, Series, ViewerData, pose_ticks
+from gantrysim.report.writing import write_report
 from gantrysim.results.run_results import RunResults
 
 from support.jobs import job_run
@@ -82,6 +84,14 @@ def test_a_column_comes_back_within_half_a_step(numbers, smooth):
             np.abs(back[~np.isnan(back)] - known).max()
             <= 0.5 * np.ptp(known) / STEPS + 1e-12 * np.abs(known).max() + TINY
         )
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=60), st.floats(1e-3, 10))
+def test_a_column_of_a_resolution_comes_back_within_half_of_it_and_its_extremes_exactly(numbers, resolution):
+    values = np.array(numbers)
+    back = decoded(as_json(encoded_numbers(values, resolution)), values.size)
+    assert np.abs(back - values).max() <= 0.5 * max(resolution, np.ptp(values) / STEPS) + 1e-9
+    assert (back.min(), back.max()) == pytest.approx((values.min(), values.max()), abs=1e-9)
 
 
 def test_a_smooth_column_takes_a_byte_a_value_and_its_extremes_are_exact():
@@ -175,7 +185,7 @@ def test_the_columns_are_those_of_the_run(shown):
     }
     for name, values in expected.items():
         assert np.isnan(np.delete(column[name], ticks)).all()
-        np.testing.assert_allclose(column[name][ticks], values, atol=0.51 * np.ptp(values) / STEPS)
+        np.testing.assert_allclose(column[name][ticks], values, atol=admitted(content, name, values))
     bead = shown.bead
     everywhere = {
         "x": run.nozzle[:, 0],
@@ -185,12 +195,19 @@ def test_the_columns_are_those_of_the_run(shown):
         "width": np.interp(bead.length, bead.place, bead.width),
     }
     for name, values in everywhere.items():
-        np.testing.assert_allclose(column[name], values, atol=0.51 * np.ptp(values) / STEPS)
+        np.testing.assert_allclose(column[name], values, atol=admitted(content, name, values))
     assert {series["name"] for series in content["series"]} == expected.keys() | everywhere.keys()
     line_at = program_lines(shown.job, len(run.time))
     assert column["line"].tolist() == [line_at(time) or 0 for time in run.time.tolist()]
     text = shown.job.program["text"].split("\n")
     assert content["program"] == {str(number): line for number, line in enumerate(text, 1) if number < len(text)}
+
+
+def admitted(content, name, values):
+    """Half a step of 16 bits, or of a tenth of the last digit shown; of offsets, magnified 1000 times, of 0.01 µm."""
+    decimals = next(series["decimals"] for series in content["series"] if series["name"] == name)
+    finest = {"dx": 1e-5, "dy": 1e-5, **dict.fromkeys("sxyz", 0.0)}.get(name, 0.1 * 10.0**-decimals)
+    return 0.51 * max(np.ptp(values) / STEPS, finest)
 
 
 def test_a_thinned_run_keeps_its_largest_errors(shown):
@@ -240,6 +257,14 @@ def test_the_page_of_ten_thousand_samples_is_small(tmp_path):
     write_run_page(tmp_path / "report.html", RunResults(job, job.built_machine, Budget(bead.analysis), bead))
     assert (tmp_path / "report.html").stat().st_size < LARGEST
     assert 'id="viewer-3d"' not in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["an225-3d", "fanuc-spiral", "fanuc-conical", "softmc-helical"])
+def test_the_whole_page_of_the_longest_jobs_is_small(name, tmp_path):
+    """With causes and changes, without the film."""
+    page = write_report(Job.load(name), job_run(name), tmp_path, changes=changes_of)
+    assert page.stat().st_size < LARGEST
 
 
 @pytest.mark.parametrize("name", ["trio-basic", "softmc-basic"])
@@ -294,6 +319,16 @@ def test_a_page_has_the_third_dimension_where_the_bead_climbs(shown):
     flat = run.nozzle[run.dispense][:, 2] * (0.999 / 16)
     assert climb(flat) < LEVEL
     assert ViewerData(shown).content()["space"] is None
+
+
+def test_a_flat_bead_has_the_third_dimension_where_it_is_asked_for(shown):
+    content = ViewerData(shown, flat_in_space=True).content()
+    # z is zero, which the page knows
+    assert "z" not in content["columns"]
+    height = decoded(content["columns"]["height"], content["rows"])
+    assert height.max() == pytest.approx(shown.bead.height.max(), rel=1e-4)
+    assert len(content["solids"]) == len(content["space"]["parts"])
+    assert content["space"]["gap"] == shown.bead.gap
 
 
 def test_corners_that_the_nozzle_does_not_reach_are_sent():

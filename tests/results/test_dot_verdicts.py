@@ -10,6 +10,7 @@ from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.page import write_run_page
+from gantrysim.report.rows import dot_rows
 from gantrysim.report.summary import summary
 from gantrysim.report.viewer_data import ViewerData
 from gantrysim.results.run_results import RunResults
@@ -216,3 +217,14 @@ def test_e_fed_at_rest_beside_a_bead_lays_a_dot_beyond_what_undoes_a_retraction(
     assert [dot["asked_mm"][0] for dot in dots] == [10, 80]
     assert [dot["volume_mm3"] for dot in dots] == pytest.approx([0.5 * section, 0.6 * section], rel=5e-3)
     assert results_of(job, run).bead.values.volume == pytest.approx(2 * section, rel=5e-3)
+
+
+def test_the_mean_diameter_of_dots_is_that_over_all_of_them():
+    """Diameters go with the cube root of the volume: two of 2 mm³ and one of 4."""
+    job = dots_job()
+    dots = results_of(job, followed(job)).dots
+    small, large = dots[0].dot.diameter, dots[1].dot.diameter
+    assert large == pytest.approx(2 ** (1 / 3) * small)
+    _, (name, mean, remark) = dot_rows(dots)
+    assert (name, mean) == ("dot diameter", f"{(2 * small + large) / 3:.3f} mm")
+    assert remark == f"{small:.3f} to {large:.3f}, on the work"

@@ -50,6 +50,18 @@ def test_an_unbounded_usage_is_capped_and_a_fault_is_worse():
     assert burden_of(Verdict((), "x jammed")) > capped
 
 
+def test_of_what_is_not_admitted_at_all_less_is_better():
+    """Limit 0: ln(1000 / 0.8) and a quarter of ln(1 + value)."""
+
+    def burden(value):
+        check = Check(name="ploughed", quantity="ploughed", value=value, limit=0.0, unit="mm", source="default")
+        return burden_of(Verdict((Row.of("glue", [check]),)))
+
+    assert burden(0.0) == 0
+    assert burden(14.7) == pytest.approx(math.log(1250) + 0.25 * math.log(15.7))
+    assert burden(14.7) > burden(1.5) > burden(0.1) > math.log(1250)
+
+
 def test_a_row_without_a_check_weighs_only_as_a_failure():
     assert burden_of(Verdict((Row("glue", state=FAIL),))) == pytest.approx(math.log(CAP / 0.8))
     # as dots without glue beside a good bead, once "nothing to change: the verdict is fail"

@@ -13,6 +13,7 @@ from gantrysim.job.tolerance import ToleranceSettings
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.checks import Check, Place
+from gantrysim.results.glue import BeadWidth
 from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.score import burden_of
@@ -350,7 +351,7 @@ def test_defaults_follow_from_needle_bead_and_encoder():
 
 
 def test_given_limits_are_kept_in_the_job_and_said_to_be_given():
-    job = line_job().overridden(["path_max=0.02", "tolerance.least_gain_margin=2"])
+    job = line_job().with_overrides(["path_max=0.02", "tolerance.least_gain_margin=2"])
     tolerance = Job.of_content(job.model_dump(exclude_none=True), "job").limits(NEEDLE, 4.0)
     assert (tolerance.path_max, tolerance.path_p95, tolerance.gain_margin) == (0.02, 0.01, 2.0)
     assert tolerance.sensitivity == pytest.approx(2.0)
@@ -531,3 +532,36 @@ def test_a_row_that_fails_by_its_remark_alone_is_the_worst_without_a_check():
     assert verdict.worst_check is None
     unjudged = Verdict((Row("path"), Row("glue")), fault="x exceeded its limit")
     assert (unjudged.worst_row, unjudged.worst_check, unjudged.worst_place) == (None, None, None)
+
+
+def test_the_width_is_judged_between_the_length_of_a_start_and_that_of_a_stop(follower):
+    job = line_job(tolerance={"start_length": 20.0, "stop_length": 5.0})
+    bead = Bead(follower, job.bead)
+    x = bead.point[BeadWidth(bead, Verdict.of(job, follower).tolerance).judged, 0]
+    assert (x.min(), x.max()) == pytest.approx((-80 + 20, 80 - 5), abs=0.3)
+
+
+def test_a_servo_s_own_limit_of_the_torque_counts_where_it_is_lower_than_the_drive_s(follower):
+    limit = 0.4
+    job = line_job(servo={"torque_limit": limit})
+    assert limit < min(axis.peak_torque for axis in job.built_machine.axes)
+    demand = np.zeros_like(follower.demand)
+    demand[tick_at(follower, 20.0), 1] = 0.95 * limit
+    check = only(Verdict.of(job, follower.replaced(demand=demand))["machine"].checks, "torque_reserve")
+    assert check.value == pytest.approx(5.0)
+
+
+def test_the_clearance_of_turns_is_not_judged_where_the_bead_is_laid_in_pieces(turns):
+    """Beside an end of a piece there is no neighbour, whatever the turns are."""
+    job, run = turns
+    pause = slice(len(run.time) // 2, len(run.time) // 2 + 200)
+    assert run.dispense[pause].all()
+    columns = {name: np.array(getattr(run, name)) for name in ("dispense", "flow", "flow_demand")}
+    for column in columns.values():
+        column[pause] = 0
+    names = {
+        pieces: [check.name for check in Verdict.of(job, record)["glue"].checks]
+        for pieces, record in ((1, run), (2, run.replaced(**columns)))
+    }
+    assert "turn_clearance" in names[1]
+    assert "turn_clearance" not in names[2]

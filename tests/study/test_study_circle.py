@@ -136,11 +136,19 @@ def test_every_value_of_a_known_pair_of_circles_is_shown_where_it_belongs(waved)
         "bidirectional G(b) = 62.0 µm, for a radius of 40 mm at 80 mm/s on xy."
     )
     legend = [text.get_text() for text in waved.plots[0].figure.legends[0].texts]
-    assert [*legend[:2], legend[2]] == [
+    # a tenth of the needle's 0.82 mm; the largest deviation is 7 + 30
+    assert legend == [
         "clockwise, G = 60.0 µm",
         "counter-clockwise, G = 40.0 µm",
         "minimum zone, G(b) = 62.0 µm",
+        "nominal, radius 40 mm",
+        "largest, +37.0 µm",
+        "limit ± 82 µm",
     ]
+    for panel in waved.plots[1].figure.axes[:2]:
+        limits = [line.get_ydata()[0] for line in panel.lines if line.get_linestyle() == "--"]
+        assert limits == pytest.approx([82, -82])
+        assert panel.get_ylim()[1] > 82
 
 
 def test_every_number_of_the_answer_is_in_a_table(tested):

@@ -438,7 +438,7 @@ def done(tmp_path_factory):
 def test_a_small_study_from_end_to_end(done):
     small, folder, outcome = done
     assert len(outcome.rows) == len(small.cases)
-    assert outcome.report.chart.name == "loop_period"
+    assert outcome.report.chart.name == "limits"
     assert [row[1] for row in outcome.report.table.rows] == [
         "program.loop_period", "program.interpreter_time", "servo.period", "servo.resolution"
     ]  # fmt: skip
@@ -448,6 +448,20 @@ def test_a_small_study_from_end_to_end(done):
         assert (folder / "plots" / f"{sweep}.png").read_bytes().startswith(b"\x89PNG")
     report = (folder / "report.html").read_text()
     assert all(f">{title}</h2>" in report for title in SWEEPS.values())
+
+
+def test_the_chart_has_the_limit_and_the_jobs_own_value_beside_every_run(done):
+    _, _, outcome = done
+    panel = outcome.report.chart.figure.axes[0]
+    drawn = {line.get_label(): line.get_xydata() for line in panel.lines}
+    assert set(drawn["limit"][:, 1]) == {100.0}
+    assert set(drawn["the job's own value"][:, 0]) == {0.05}
+    points = drawn["does not"]
+    rows = [row for row in outcome.rows if (row["sweep"], row["variant"]) == ("loop_period", "as it is")]
+    uses = {
+        row["value"]: max(row[f"{name}_limit_use_percent"] for name in ("path", "stability", "machine")) for row in rows
+    }
+    assert dict(points.tolist()) == pytest.approx(uses)
 
 
 def test_the_points_of_the_plot_lie_on_the_predictions(done):

@@ -203,7 +203,7 @@ def test_every_value_of_known_repeats_is_shown_where_it_belongs():
     along, plan = (plot.figure for plot in report.plots)
     labels = [text.get_text() for axes in along.axes for text in axes.get_legend().texts]
     assert [label for label in labels if "µm" in label] == [
-        "ATp = 90.00 µm", "all varied, RTp = 4.00 µm", "friction alone, 2.00 µm"
+        "ATp = 90.00 µm", "limit 82 µm", "all varied, RTp = 4.00 µm", "friction alone, 2.00 µm"
     ]  # fmt: skip
     marks = {line.get_label(): line.get_xydata()[0] for line in plan.axes[0].lines}
     command = study.job.controller.requested.position(study.s)[:, :2]

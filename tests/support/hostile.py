@@ -375,11 +375,11 @@ GAINS = {
 
 def gains(rng: random.Random, folder: Path) -> None:
     from gantrysim import Servo
-    from gantrysim.exchange.gains import imported
+    from gantrysim.exchange.gains import import_gains
 
     name = rng.choice(list(GAINS))
     axes = _xy().axes
-    imported(name, changed(rng, GAINS[name]), axes, Servo.derive(axes), "gains")
+    import_gains(name, changed(rng, GAINS[name]), axes, Servo.derive(axes), "gains")
 
 
 KINDS: dict[str, tuple[int, Callable[[random.Random, Path], None]]] = {

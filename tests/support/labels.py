@@ -1,5 +1,7 @@
 """Faults of a page's labels in a browser: texts that are cut, leave their picture, or run into one another."""
 
+from contextlib import contextmanager
+
 # texts on canvases leave no element: noted as they are drawn, until their canvas is cleared
 NOTES = """
 const prototype = CanvasRenderingContext2D.prototype;
@@ -112,6 +114,11 @@ def label_faults(page, least=0.0):
     return page.run(FAULTS, least)
 
 
-def note_texts(browser):
-    """Note the texts that are drawn on canvases of the pages that are opened from now on."""
-    browser.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": NOTES})
+@contextmanager
+def noting_texts(browser):
+    """Note the texts that are drawn on canvases of the pages that are opened meanwhile."""
+    script = browser.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": NOTES})
+    try:
+        yield
+    finally:
+        browser.driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", script)

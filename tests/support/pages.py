@@ -15,7 +15,8 @@ class Page(HTMLParser):
         super().__init__(convert_charrefs=True)
         self.elements = []
         self._open = []
-        self.text = file.read_text(encoding="utf-8")
+        # a space at which no line ends is read as any other
+        self.text = file.read_text(encoding="utf-8").replace("\u00a0", " ")
         self.feed(self.text)
         self.close()
         assert not self._open

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.toml_files import read_text
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
@@ -72,7 +72,7 @@ class ComparedRun:
             return cls(name, given, worth or None)
         if isinstance(given, SavedRun):
             results = _results(given.run, name)
-            return cls(name, results, _saved_causes(expanded(given.folder) / SUMMARY), given.changed)
+            return cls(name, results, _saved_causes(expanded_path(given.folder) / SUMMARY), given.changed)
         check_run(given)
         return cls(name, _results(given, name))
 
@@ -108,7 +108,7 @@ def _is_number(value: object) -> bool:
 
 def names_of_folders(folders: Sequence[Path]) -> list[str]:
     """Return short names of folders: their last parts, as many as tell them apart."""
-    whole = [expanded(folder).resolve() for folder in folders]
+    whole = [expanded_path(folder).resolve() for folder in folders]
     for count in range(1, max(len(path.parts) for path in whole) + 1):
         names = ["/".join(path.parts[-count:]) for path in whole]
         if len(set(names)) == len(names):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
-from gantrysim.base.quantity import NOTHING, Quantity, number_text, numbers_of
+from gantrysim.base.quantity import MINUS, NOTHING, Quantity, number_text, numbers_of
 from gantrysim.compare.runs.compared_run import ComparedRun
 from gantrysim.job.job import Job
 from gantrysim.results.checks import PASS, SYMBOLS, UNJUDGED, Check, finite
@@ -331,9 +331,9 @@ def with_share(text: str, change: float, value: float) -> str:
     if text == "0" or not abs(percent) >= _LEAST_PERCENT:
         return text
     digit = 10.0 ** -len(text.partition(".")[2])
-    if abs(value / change * float(text.replace(",", ""))) < 10 * digit:
+    if abs(value / change * float(text.replace(",", "").replace(MINUS, "-"))) < 10 * digit:
         return text
-    return f"{text} ({percent:+.1f} %)" if abs(percent) < 10 else f"{text} ({percent:+.0f} %)"
+    return f"{text} ({number_text(percent, '+.1f' if abs(percent) < 10 else '+.0f')} %)"
 
 
 def value_changes(results: Sequence[RunResults]) -> Iterator[ValueChange]:

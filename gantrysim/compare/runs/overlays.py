@@ -15,7 +15,7 @@ from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.parts import ERROR
 from gantrysim.report.plots.plan import magnification
-from gantrysim.report.plots.style import COLOURS, UM, add_legend, axes_on, thinned_line
+from gantrysim.report.plots.style import COLOURS, UM, add_legend, axes_on, draw_limit, thinned_line
 from gantrysim.results.colours import BAD, INK, RUNS
 from gantrysim.results.score import usage_of
 
@@ -73,7 +73,7 @@ def magnified_path(analysis: Analysis, factor: int) -> Floats:
 
 
 def draw_overlaid_errors(figure: Figure | SubFigure, comparison: ComparedRuns) -> tuple[Axes, ...]:
-    """Draw the contour error and every link's part of all runs over the common abscissa; return the axes."""
+    """Draw the contour error, with the first run's limit, and every link's part of all runs; return the axes."""
     names = ["contour", *drawn_links(comparison)]
     panels = figure.subplots(len(names), sharex=True, squeeze=False, height_ratios=[2.0] + [1.0] * (len(names) - 1))[
         :, 0
@@ -91,7 +91,10 @@ def draw_overlaid_errors(figure: Figure | SubFigure, comparison: ComparedRuns) -
         panel.axhline(0, color=INK, lw=0.6)
         panel.margins(x=0.01)
         panel.set_ylabel(name, fontsize=9)
-    panels[0].legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=len(comparison.runs))
+    tolerance = comparison.verdicts[0].tolerance
+    if tolerance is not None:
+        draw_limit(panels[0], UM * tolerance.path_max)
+    panels[0].legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=len(comparison.runs) + 1)
     panels[-1].set_xlabel("distance along the requested path [mm]" if comparison.by_path else "time [s]")
     figure.supylabel("lateral error, positive to the left [µm]", fontsize="medium")
     return tuple(panels)

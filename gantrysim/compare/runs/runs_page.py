@@ -28,7 +28,7 @@ from gantrysim.compare.runs.runs_tables import WORTH, check_cells, difference_ce
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import PART_COLUMNS
 from gantrysim.record.run import Run
-from gantrysim.report.document import Column, Section, Table, lead_of, with_minus
+from gantrysim.report.document import Column, Section, Table, lead_of
 from gantrysim.report.drawn_page import write_page
 from gantrysim.report.folder import Output, output_folder
 from gantrysim.report.plots.plan import plan_extent
@@ -176,9 +176,9 @@ def budgets_table(comparison: ComparedRuns) -> Table:
     heads += [f"change of rms, {name}" for name in comparison.names[1:]]
     rows = []
     for link, parts in comparison.budgets.items():
-        cells = [None if part is None else size.scaled(size.get(part)) for size in PART_COLUMNS for part in parts]
+        cells = [None if part is None else size.in_unit(size.get(part)) for size in PART_COLUMNS for part in parts]
         rms = [None if part is None else part.rms for part in parts]
-        changes = [with_minus(size_change(rms[0], size)) for size in rms[1:]]
+        changes = [size_change(rms[0], size) for size in rms[1:]]
         rows.append([link, DESCRIPTIONS[link], *cells, *changes])
     return Table(heads, rows, "Error normal to the requested path by link, of every run")
 
@@ -186,7 +186,7 @@ def budgets_table(comparison: ComparedRuns) -> Table:
 def causes_section(comparison: ComparedRuns) -> Section:
     """Return the section of what causes are worth in every run."""
     heads: list[str | Column] = ["cause", *(Column(f"{name} [{WORTH.unit}]", WORTH.form) for name in comparison.names)]
-    rows = [[cause, *map(WORTH.scaled, worth)] for cause, worth in comparison.causes.items()]
+    rows = [[cause, *map(WORTH.in_unit, worth)] for cause, worth in comparison.causes.items()]
     bars = len(comparison.causes) * len(comparison.runs)
     return Section(
         "Causes",
@@ -206,7 +206,7 @@ def checks_table(names: Sequence[str], checks: Sequence[CheckChange]) -> Table |
     """Return the table of the verdicts' checks beside one another; None without any."""
     heads, rows = check_cells(names, checks)
     caption = f"Checks of the verdict; a change is counted from {names[0]}; ▲ better, ▼ worse"
-    return Table(heads, [[with_minus(cell) for cell in row] for row in rows], caption) if rows else None
+    return Table(heads, rows, caption) if rows else None
 
 
 def values_section(comparison: ComparedRuns) -> Section:
@@ -214,7 +214,7 @@ def values_section(comparison: ComparedRuns) -> Section:
     tables = []
     for group in dict.fromkeys(value.group for value in comparison.values):
         heads, rows = value_cells(comparison, group, large_only=False)
-        tables.append(Table(heads, [[with_minus(cell) for cell in row] for row in rows], group))
+        tables.append(Table(heads, rows, group))
     return Section("Values", table=tables, folded=True)
 
 

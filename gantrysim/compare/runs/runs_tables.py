@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from gantrysim.base.quantity import NOTHING, Quantity
+from gantrysim.base.quantity import MINUS, NOTHING, Quantity
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.compare.runs.differences import CheckChange, with_share
 from gantrysim.job.causes import CELL_FORM
@@ -72,5 +72,5 @@ def size_change(before: float | None, after: float | None) -> str:
     if before is None or after is None:
         return NOTHING
     change = ERROR.number(after - before)
-    text = change if change.startswith("-") or change == "0" else f"+{change}"
+    text = change if change.startswith(MINUS) or change == "0" else f"+{change}"
     return with_share(text, after - before, before)

@@ -60,11 +60,11 @@ class Leg:
 
     @cached_property
     def start(self) -> Floats:
-        return place(self.piece, np.zeros(1))[0]
+        return points_at(self.piece, np.zeros(1))[0]
 
     @cached_property
     def end(self) -> Floats:
-        return place(self.piece, np.ones(1))[0]
+        return points_at(self.piece, np.ones(1))[0]
 
 
 @dataclass
@@ -87,7 +87,7 @@ def length(piece: Line | Coil) -> float:
     return piece.radius[0] * abs(piece.angle)
 
 
-def place(piece: Line | Coil, share: Floats) -> Floats:
+def points_at(piece: Line | Coil, share: Floats) -> Floats:
     """Return points at shares of a line's or an arc's length, (n, 3) [mm]."""
     if isinstance(piece, Line):
         begin = np.array(piece.start)
@@ -111,7 +111,7 @@ def tangent(piece: Line | Coil, share: float) -> Floats:
 def part(piece: Line | Coil, low: float, high: float) -> Line | Coil:
     """Return the part of a line or an arc between two shares of its length."""
     if isinstance(piece, Line):
-        begin, end = place(piece, np.array([low, high]))
+        begin, end = points_at(piece, np.array([low, high]))
         return Line(vector(begin), vector(end), piece.frame)
     return replace(piece, begin=piece.begin + low * piece.angle, angle=(high - low) * piece.angle)
 
@@ -224,8 +224,8 @@ def _fillet(before: Line, after: Line, theta: float, distance: float, z: float |
 
 def _arcs(first: Line | Coil, last: Line | Coil, z: float) -> list[Line | Coil]:
     """Biarc from the start of one piece to the end of another."""
-    begin = complex(*place(first, np.zeros(1))[0, :2])
-    end = complex(*place(last, np.ones(1))[0, :2])
+    begin = complex(*points_at(first, np.zeros(1))[0, :2])
+    end = complex(*points_at(last, np.ones(1))[0, :2])
     ahead = complex(*tangent(first, 0.0)[:2])
     onward = complex(*tangent(last, 1.0)[:2])
     join = complex(middle(*(np.array([value]) for value in (begin, ahead, end, onward)))[0])
@@ -235,8 +235,8 @@ def _arcs(first: Line | Coil, last: Line | Coil, z: float) -> list[Line | Coil]:
 
 def _deviation(arcs: list[Line | Coil], first: Line | Coil, last: Line | Coil) -> float:
     """Largest distance between a biarc and the two pieces that it replaces."""
-    blend = np.concatenate([place(arc, _SAMPLES) for arc in arcs])
-    corner = np.concatenate([place(first, _SAMPLES), place(last, _SAMPLES)])
+    blend = np.concatenate([points_at(arc, _SAMPLES) for arc in arcs])
+    corner = np.concatenate([points_at(first, _SAMPLES), points_at(last, _SAMPLES)])
     # in both directions, as of two curves each may leave the other where that one is near
     of_blend = np.minimum(_distance(blend, first), _distance(blend, last)).max()
     of_corner = np.minimum(_distance(corner, arcs[0]), _distance(corner, arcs[1])).max()
@@ -245,7 +245,7 @@ def _deviation(arcs: list[Line | Coil], first: Line | Coil, last: Line | Coil) -
 
 def _distance(points: Floats, piece: Line | Coil) -> Floats:
     """Distance of points from a line or an arc, (n,)."""
-    begin, end = place(piece, np.array([0.0, 1.0]))
+    begin, end = points_at(piece, np.array([0.0, 1.0]))
     if isinstance(piece, Line):
         chord = end - begin
         share = np.clip((points - begin) @ chord / (chord @ chord), 0.0, 1.0)

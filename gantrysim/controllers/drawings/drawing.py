@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
-from gantrysim.base.errors import InputError, at_least, finite, point, positive, unknown
+from gantrysim.base.errors import InputError, at_least, finite, plane_point, positive, unknown
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.drawings.planning import Paused, planned_progress
 from gantrysim.controllers.drawings.points import with_row_speeds, with_speeds
@@ -128,7 +128,7 @@ class Drawing(Controller):
         if 0 < self.lift < _LEAST_LIFT:
             raise InputError(f"lift = {self.lift:g} mm: must be 0 or at least {_LEAST_LIFT:g} mm")
         if self.start is not None:
-            object.__setattr__(self, "start", point("start", self.start))
+            object.__setattr__(self, "start", plane_point("start", self.start))
         for name, unit in (("velocity", "mm/s"), ("acceleration", "mm/s²")):
             values = tuple(getattr(self, name))
             if len(values) != 3:
@@ -252,6 +252,11 @@ class Drawing(Controller):
         changed: dict[str, Any] = {"speed": change(self.speed)}
         text = with_speeds(self.text, change) if self.kind == "csv" else None
         return changed if text is None else {**changed, "text": text}
+
+    @property
+    def programmed_speed(self) -> float:
+        """The fastest speed at which glue is laid: a table may state one for every point [mm/s]."""
+        return max((leg.speed for leg in self._requested_route.legs if leg.glue), default=self.speed)
 
     def stretches(self, period: float) -> Stretches:
         """As `Controller.stretches`: the rows of a table of points, each with the speed on the way to it."""

@@ -95,7 +95,7 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
     try:
         reading = _Reading(document, dots)
         strokes = tuple(_strokes(reading, document.modelspace(), None, 1))
-        factor, remarks = _unit(document, unit)
+        factor, remarks = _unit(document, unit, "$INSUNITS" in text)
     except InputError:
         raise
     except Exception as error:  # as above, while entities are read
@@ -177,10 +177,11 @@ def _shortened_name(text: str) -> str:
     return " ".join(text.split())[:100].rstrip(". ")
 
 
-def _unit(document: Any, unit: float | None) -> tuple[float, tuple[str, ...]]:
+def _unit(document: Any, unit: float | None, is_stated: bool) -> tuple[float, tuple[str, ...]]:
     if unit is not None:
         return unit, ()
-    code: Any = document.header.get("$INSUNITS", 0)
+    # ezdxf takes a drawing without a header as one in metres
+    code: Any = document.header.get("$INSUNITS", 0) if is_stated else 0
     if code == 0:
         return 1.0, ("unit: the drawing states none ($INSUNITS); taken as mm",)
     if code not in _UNITS:

@@ -11,7 +11,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.drawings.corners import Count, Leg, legs_with_corners, length, place
+from gantrysim.controllers.drawings.corners import Count, Leg, legs_with_corners, length, points_at
 from gantrysim.controllers.drawings.fitting import MOST_PIECES, pieces_of
 from gantrysim.controllers.drawings.shapes import Stroke
 from gantrysim.paths.chain import Chain
@@ -304,7 +304,7 @@ def _closed_up(legs: list[Leg], leg: Leg) -> Leg:
 
 def _turned_arc(arc: Coil, start: Floats) -> Coil | None:
     """An arc turned and scaled about its end so that it begins elsewhere, None if it is closed or in another plane."""
-    first, last = place(arc, np.array([0.0, 1.0]))
+    first, last = points_at(arc, np.array([0.0, 1.0]))
     chord = complex(*(first - last)[:2])
     new_chord = complex(*(start - last)[:2])
     if arc.frame != XY or abs(new_chord - chord) * _SPAN > abs(chord) or abs(start[2] - first[2]) > _NO_GAP:

@@ -51,19 +51,19 @@ class ProgramTurn:
         """Leave the plane as programmed."""
         self.turn = 1.0 + 0j
 
-    def place(self, programmed: list[float]) -> list[float]:
+    def turned_point(self, programmed: list[float]) -> list[float]:
         """Return where a programmed place lies [mm]."""
         place = [
             2 * self.mirrors[axis] - value if axis in self.mirrors else value for axis, value in enumerate(programmed)
         ]
-        return self._turned(place, self.turn)
+        return self._turn_point(place, self.turn)
 
-    def programmed(self, place: list[float]) -> list[float]:
+    def programmed_point(self, place: list[float]) -> list[float]:
         """Return the programmed place that lies at a place [mm]."""
-        turned = self._turned(place, self.turn.conjugate())
+        turned = self._turn_point(place, self.turn.conjugate())
         return [2 * self.mirrors[axis] - value if axis in self.mirrors else value for axis, value in enumerate(turned)]
 
-    def _turned(self, place: list[float], turn: complex) -> list[float]:
+    def _turn_point(self, place: list[float], turn: complex) -> list[float]:
         first, second, _ = PLANES[self.plane]
         turned = list(place)
         arm = self.centre + turn * (complex(place[first], place[second]) - self.centre)
@@ -104,6 +104,7 @@ class ModalState:
         offsets: cutter compensation by its number D [mm].
         rotary: letter of the rotary axis.
         home: position of G28 [mm].
+        upward: sign of the program's z on the work, -1 where it is a depth.
         system: index of the coordinate system in force.
         systems: zero of each coordinate system [mm].
         shift: of G52 and G92 [mm].
@@ -131,6 +132,7 @@ class ModalState:
     offsets: Mapping[str, float]
     rotary: str
     home: Vector
+    upward: float = 1.0
     system: int = 0
     systems: list[list[float]] = field(default_factory=lambda: [[0.0] * 3 for _ in range(SYSTEMS)])
     shift: list[float] = field(default_factory=lambda: [0.0] * 3)
@@ -163,12 +165,12 @@ class ModalState:
         """Whether motions stop at their ends although G61 is off."""
         return self.contoured and not self.look_ahead and not self.exact_stop
 
-    def provided(self, key: float | str) -> float | None:
+    def controller_variable(self, key: float | str) -> float | None:
         """Return a variable of the controller, as the position at the end of the block before; None for others."""
         if isinstance(key, str):
             return None
         if 5001 <= key <= 5003:
-            return self.turn.programmed(self.program_place)[int(key) - 5001] / self.unit
+            return self.turn.programmed_point(self.program_place)[int(key) - 5001] / self.unit
         if 5041 <= key <= 5043:
             return self.here[int(key) - 5041] / self.unit
         return None
@@ -186,7 +188,7 @@ class ModalState:
         """Return where the words X, Y and Z of a block lead [mm]; None for an axis that stays."""
         if self.turn.is_plain:
             return [self.end(value, axis) for axis, value in enumerate(values)]
-        place = self.turn.programmed(self.program_place)
+        place = self.turn.programmed_point(self.program_place)
         for axis, value in enumerate(values):
             if value is not None:
                 place[axis] = value if self.absolute else place[axis] + value
@@ -194,7 +196,7 @@ class ModalState:
         turns = any(moved and self.turn.covers(axis) for axis, moved in enumerate(moves))
         return [
             value + self.zero(axis) if moves[axis] or (turns and self.turn.covers(axis)) else None
-            for axis, value in enumerate(self.turn.place(place))
+            for axis, value in enumerate(self.turn.turned_point(place))
         ]
 
     def end(self, value: float | None, axis: int) -> float | None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, lengths
-from gantrysim.base.errors import InputError, at_least, finite, place, positive, whole
+from gantrysim.base.errors import InputError, at_least, finite, positive, space_point, whole_number
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.block_words import COMMENT
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
@@ -22,6 +22,7 @@ from gantrysim.controllers.fanuc.codes.modal_codes import INCH
 from gantrysim.controllers.fanuc.compensation import compensated_legs
 from gantrysim.controllers.fanuc.corners import cornered_legs
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed_legs, switched_legs
+from gantrysim.controllers.fanuc.modal_state import ModalState
 from gantrysim.controllers.fanuc.parts import Part, averaged_places, in_place, stretch
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding
@@ -104,8 +105,9 @@ class Program(Controller):
 
     A text consists of blocks, such as `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`, with subprograms by M98, M99 and G65,
     macro variables, IF, GOTO and WHILE; docs/g-code.md lists the words. Glue is laid in motions at feed, and only
-    between the program's codes for the valve if it has any. G28 moves to `start`. If the program uses G05.1 or G08,
-    blocks overlap by `blend_time` only while that mode is on; elsewhere the motion stops between blocks.
+    between the program's codes for the valve if it has any. G28 moves to `start`, but not down to its height. If the
+    program uses G05.1 or G08, blocks overlap by `blend_time` only while that mode is on; elsewhere the motion stops
+    between blocks.
 
     F is the constant speed along the path. With a limited acceleration, the motion stops before and after a spiral, at
     corners, at G61, and between rapid moves and moves at feed. With a `blend_time` it stops only at G61: a moving
@@ -119,7 +121,7 @@ class Program(Controller):
         program: text of the program, or blocks.
         start: initial position [mm].
         rapid: speed of rapid moves, G00 [mm/min].
-        acceleration: acceleration limit of each of x, y and z [mm/s²].
+        acceleration: acceleration limit of each of x, y and z; none by default, but 1000 for a program file [mm/s²].
         end_point_tolerance: tolerance on a spiral's radius and height at its end, parameter 3471 [mm].
         radius_tolerance: tolerance on an arc's radius at its end, parameter 3410, and on R below half the chord [mm].
         clamp: feed limit by an arc's radius, parameters 1730 to 1732; none by default.
@@ -154,6 +156,7 @@ class Program(Controller):
 
     text_argument: ClassVar[str] = "program"
     ramp_arguments: ClassVar[tuple[str, ...]] = ("acceleration", "rotary_acceleration")
+    assumed_acceleration: ClassVar[float] = 1000.0
     corner_argument: ClassVar[str | None] = "blend_time"
 
     program: str | tuple[Block, ...]
@@ -183,7 +186,7 @@ class Program(Controller):
     def __post_init__(self) -> None:
         if not isinstance(self.program, str):
             object.__setattr__(self, "program", tuple(self.program))
-        object.__setattr__(self, "start", place("start", self.start))
+        object.__setattr__(self, "start", space_point("start", self.start))
         positive("rapid", self.rapid, "mm/min")
         if self.acceleration != math.inf:
             positive("acceleration", self.acceleration, "mm/s²")
@@ -230,7 +233,15 @@ class Program(Controller):
     def _motions(self) -> ProgramMotions:
         assert isinstance(self.program, str)
         source = ProgramSource(self.program, self.subprograms, self.block_skip, self.max_steps)
-        return read(source, self.start, self.offsets, self.rotary_word, self._outputs, self.flow_output)
+        state = ModalState(
+            list(self.start),
+            self.offsets,
+            self.rotary_word,
+            home=self.start,
+            upward=self.placement.upward,
+            outputs=self._outputs,
+        )
+        return read(source, state, self.flow_output)
 
     @property
     def called_files(self) -> frozenset[str]:
@@ -239,18 +250,18 @@ class Program(Controller):
     @cached_property
     def legs(self) -> tuple[PathLeg, ...]:
         """The motions of the blocks."""
-        legs, _ = self._switched
+        legs, _ = self._valve_motions
         return tuple(placed_legs(compensated_legs(cornered_legs(legs)), self.placement))
 
     @cached_property
-    def _switched(self) -> tuple[list[PathLeg], Valve | None]:
+    def _valve_motions(self) -> tuple[list[PathLeg], Valve | None]:
         """The motions as the text has them, with the glue that its valve lays, and the valve; None for blocks."""
         if isinstance(self.program, str):
             blocks = self._motions.blocks
         else:
             blocks = tuple(SourceBlock(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
-        whole("max_steps", self.max_steps, 1)
+        whole_number("max_steps", self.max_steps, 1)
         if isinstance(self.program, str):
             return switched_legs(legs, self._outputs, self.placement.upward)
         return legs, None
@@ -316,7 +327,7 @@ class Program(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         notes = notes_of(self.legs, self.requested, self.blend_time, self.acceleration)
-        _, valve = self._switched
+        _, valve = self._valve_motions
         return notes if valve is None or valve.note is None else (valve.note, *notes)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:

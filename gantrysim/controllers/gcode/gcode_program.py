@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks, by_blocks
-from gantrysim.base.errors import InputError, at_least, place, positive, whole
+from gantrysim.base.errors import InputError, at_least, positive, space_point, whole_number
 from gantrysim.base.memory import give_back
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.coordinate_systems import INCH
@@ -139,13 +139,13 @@ class GCode(Controller):
     flow_output: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", place("start", self.start))
+        object.__setattr__(self, "start", space_point("start", self.start))
         positive("rapid", self.rapid, "mm/min")
         positive("acceleration", self.acceleration, "mm/s²")
         positive("cycle", self.cycle, "s")
         positive("feed_override", self.feed_override)
         at_least("arc_tolerance", self.arc_tolerance, 0, "mm")
-        whole("max_steps", self.max_steps, 1)
+        whole_number("max_steps", self.max_steps, 1)
         if self.flow_output and not _FLOW_OUTPUT.fullmatch(self.flow_output):
             raise InputError(f'flow_output = "{self.flow_output}": must be "S", "M106", or with its number "M67 E0"')
         for name, speed in zip("xyz", self.axis_speeds, strict=True):
@@ -267,11 +267,14 @@ class GCode(Controller):
 
     @cached_property
     def _fastest(self) -> float:
-        table = self.program.moves
-        return float(table[table[:, KIND] <= 1.0, FEED].max(initial=0.0)) * self.feed_override
+        """The fastest feed with glue, or of all where none is laid: a printer's G0 has a feed, too [mm/s]."""
+        moves = self.program.moves[:, KIND] <= ARC
+        feeds = self.program.moves[:, FEED]
+        laid = feeds[moves & self.program.glue].max(initial=0.0)
+        return float(laid or feeds[moves].max(initial=0.0)) * self.feed_override
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
-        """As the feed override on the operator's panel does, from the fastest feed of the program."""
+        """As the feed override on the operator's panel does, from the fastest feed with glue."""
         fastest = self._fastest
         return {"feed_override": self.feed_override * change(fastest) / fastest} if fastest else {}
 

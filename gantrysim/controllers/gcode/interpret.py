@@ -16,7 +16,7 @@ from gantrysim.controllers.gcode.codes import CODES, Code, Kind
 from gantrysim.controllers.gcode.extruder import PressureAdvance
 from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
 from gantrysim.controllers.gcode.motion_limits import MotionLimits
-from gantrysim.controllers.gcode.move_table import DWELL, END, FLOW, KIND, LINE, OUTPUTS, WORK, MoveTable
+from gantrysim.controllers.gcode.move_table import DWELL, END, FEED, FLOW, KIND, LINE, OUTPUTS, WORK, MoveTable
 from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup, ProgramState, WordBlock
 from gantrysim.controllers.valve import SAME_PLACE, SPEED_CODES, Motions, Outputs, Valve
@@ -120,6 +120,8 @@ class Interpreter:
         block.values.pop("N", None)
         if "T" in block.values:
             self._state.tools.selected = int(block.values["T"])
+        if self._halts(auxiliary, block):
+            self._state.halt()
         if auxiliary or "S" in block.values:
             state = self._state
             speed = self._speed(block, codes, auxiliary)
@@ -136,6 +138,13 @@ class Interpreter:
                     return not block.ends
         self._apply(codes, block)
         return not block.ends
+
+    def _halts(self, auxiliary: list[int], block: WordBlock) -> bool:
+        """Return whether a block waits for the moves before it: for some M codes, and for another spindle speed."""
+        codes = (self._codes.get(f"M{number}") for number in auxiliary)
+        spindle = self._state.modes.spindle
+        sets_spindle = not self._dialect.extrudes and block.values.get("S", spindle) != spindle
+        return sets_spindle or any(code is not None and code.halts for code in codes)
 
     def _speed(self, block: WordBlock, codes: list[str], auxiliary: list[int]) -> float | None:
         """Return S where it is a speed: in firmware it is a time, a temperature or other in most blocks."""
@@ -371,7 +380,7 @@ def _valve(table: Floats, start: tuple[float, float, float], state: ProgramState
     stands = (table[:, KIND] == LINE) & (np.abs(ways[:, :2]).max(axis=1, initial=0.0) <= SAME_PLACE)
     motions = Motions(
         work=(table[:, WORK] != 0) & ~stands,
-        dwell=table[:, KIND] == DWELL,
+        dwell=(table[:, KIND] == DWELL) & (table[:, FEED] > 0),
         rise=state.setup.upward * ways[:, 2],
         upright=stands & (np.abs(ways[:, 2]) > SAME_PLACE),
         feeds=fed,

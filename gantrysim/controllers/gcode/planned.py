@@ -142,7 +142,7 @@ class _Base:
     Attributes:
         track: the path.
         rows: of the moves, for every piece, (m,).
-        halts: whether a dwell halts the motion before each piece, and at the end, (m + 1,).
+        halts: whether the motion halts before each piece, as in a dwell of any time, and at the end, (m + 1,).
     """
 
     track: Track
@@ -184,17 +184,18 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
     """Plan a program."""
     requested, rows = requested_track(program, placement)
     table = program.moves
-    dwell_rows = np.flatnonzero((table[:, KIND] == DWELL) & (table[:, FEED] > 0))
-    moves_before = np.searchsorted(rows, dwell_rows)
+    halt_rows = np.flatnonzero(table[:, KIND] == DWELL)
     halts = np.zeros(rows.size + 1, bool)
-    halts[moves_before] = True
+    halts[np.searchsorted(rows, halt_rows)] = True
+    dwell_rows = halt_rows[table[halt_rows, FEED] > 0]
+    moves_before = np.searchsorted(rows, dwell_rows)
     base = _simplified_base(_Base(requested, rows, halts), program)
     limits = limits_of(base.track, table, base.rows, program.limits, settings)
     axis_speeds = (limits.speed[:, None] * shares(base.track)).max(axis=0)
     path, joint, corners = _rounded_corners(base, table, limits, settings)
     profile, source = _profile(path, joint, limits, base.rows)
     pieces = _pieces_after(path, base.rows, rows, moves_before)
-    begin = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
+    begin = np.array([profile.time_at(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
     return PathPlan(
         requested=requested,
         path=path,

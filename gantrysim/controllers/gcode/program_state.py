@@ -434,6 +434,11 @@ class ProgramState:
             )
         )
 
+    def halt(self) -> None:
+        """Come to rest, if the program moves: what follows waits for the moves before it."""
+        if len(self.moves) and self.moves.row(len(self.moves) - 1).kind != DWELL:
+            self.pause(0.0)
+
     def save_modes(self, restored: bool) -> None:
         """Save the modes, and have them come back at the subroutine's end or not."""
         self._saved[self.depth] = _Saved(replace(self.modes), self.frames.unit, self.frames.absolute)

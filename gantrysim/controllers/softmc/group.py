@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import Literal, get_args
 
-from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
+from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole_number
 from gantrysim.paths.profile import Constant, Jerk, PointToPoint, Profile, Ramp, Shape, Sine
 from gantrysim.record.setpoints import Supervision
 
@@ -117,7 +117,7 @@ class Group:
         _check_profile(self.profile)
         for name, number in (
             ("smooth", _checked_smooth(self.smooth)),
-            ("position_error_delay", whole("position_error_delay", self.position_error_delay, 0)),
+            ("position_error_delay", whole_number("position_error_delay", self.position_error_delay, 0)),
             ("settle_time", at_least("settle_time", self.settle_time, 0, "s")),
             ("settle_timeout", positive("settle_timeout", self.settle_timeout, "s")),
         ):
@@ -137,7 +137,7 @@ class Group:
             self.velocity_safety_limit,
         )
 
-    def overridden(self, command: Nodal) -> Group:
+    def with_overrides(self, command: Nodal) -> Group:
         """Return the group with a command's overrides."""
         names = [field.name for field in fields(Nodal) if field.name != "dispense"]
         given = {name: value for name in names if (value := getattr(command, name)) is not None}

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import unknown, whole
+from gantrysim.base.errors import unknown, whole_number
 from gantrysim.base.files import replaced_file
 from gantrysim.record.run import Run
 
@@ -35,8 +35,8 @@ class Record:
     what: tuple[str, ...] = EXPRESSIONS
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", whole("points", self.points, 1))
-        object.__setattr__(self, "gap", whole("gap", self.gap, 1))
+        object.__setattr__(self, "points", whole_number("points", self.points, 1))
+        object.__setattr__(self, "gap", whole_number("gap", self.gap, 1))
         what = (self.what,) if isinstance(self.what, str) else tuple(self.what)
         for name in what:
             if str(name).upper() not in EXPRESSIONS:
@@ -52,7 +52,9 @@ class Record:
         """
         columns = {"time": run.time[: self.points * self.gap : self.gap]}
         for name in self.what:
-            values = evaluated_expression(name, run, whole("delay", delay, 0))[: self.points * self.gap : self.gap]
+            values = evaluated_expression(name, run, whole_number("delay", delay, 0))[
+                : self.points * self.gap : self.gap
+            ]
             for a, axis in enumerate("xyz" if name == "SETPOINT" else run.axes):
                 columns[f"{name} {axis}"] = values[:, a]
         return columns

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, at_least, point, positive, whole
+from gantrysim.base.errors import InputError, at_least, plane_point, positive, whole_number
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.stage.stage_geometry import Complex, StageGeometry, Turning
 from gantrysim.paths.arcs import ArcChain
@@ -63,7 +63,7 @@ def polygon(corners: Sequence[Sequence[float]]) -> Floats:
     """
     if len(corners) < 3:
         raise InputError(f"outline of {len(corners)} corners: must have at least 3")
-    z = np.array([complex(*point(f"outline corner {k + 1}", corner)) for k, corner in enumerate(corners)])
+    z = np.array([complex(*plane_point(f"outline corner {k + 1}", corner)) for k, corner in enumerate(corners)])
     edges = np.roll(z, -1) - z
     short = np.flatnonzero(np.abs(edges) < _ROUNDING)
     if short.size:
@@ -210,7 +210,7 @@ class OutlineTrace(Controller):
         positive("corner_radius", self.corner_radius, "mm")
         positive("speed", self.speed, "mm/s")
         for name in ("needle", "centre", "work_centre", "normal"):
-            object.__setattr__(self, name, point(name, getattr(self, name)))
+            object.__setattr__(self, name, plane_point(name, getattr(self, name)))
         if self.normal == (0.0, 0.0):
             raise InputError("normal = (0, 0): must have a direction")
         if self.sigma not in (-1, 1):
@@ -220,7 +220,7 @@ class OutlineTrace(Controller):
         for name in ("travel_x", "travel_y"):
             object.__setattr__(self, name, travel(name, getattr(self, name)))
         at_least("blend", self.blend, 0, "mm")
-        if whole("corner_pieces", self.corner_pieces, 0) > _MOST_PIECES:
+        if whole_number("corner_pieces", self.corner_pieces, 0) > _MOST_PIECES:
             raise InputError(
                 f"corner_pieces = {self.corner_pieces}: must be at most {_MOST_PIECES}, or 0 for exact arcs"
             )

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, at_least, finite, point, positive, whole
+from gantrysim.base.errors import InputError, at_least, finite, plane_point, positive, whole_number
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.trio.listing import SpiralListing
@@ -90,6 +90,8 @@ def for_late_axes(*, has_ramps: bool, rounds_waits: bool, speed_in_space: bool) 
     return f"the virtual axes are late, use {helpful}fewer turns or a smaller thickness"
 
 
+# one path for all jobs of a search that differ elsewhere, as it holds the tables by which feet are found
+_involute = lru_cache(maxsize=8, typed=True)(Involute)
 _ROUNDING = 1e-12
 _PARTS = 16  # of a turn, at whose ends the speed is given where it is set by place
 
@@ -169,12 +171,12 @@ class MoveSpiral(Controller):
     def __post_init__(self) -> None:
         checked = {
             "diameter": positive("diameter", self.diameter, "mm"),
-            "turns": whole("turns", self.turns, 1),
+            "turns": whole_number("turns", self.turns, 1),
             "thickness": positive("thickness", self.thickness, "mm"),
             "speed": positive("speed", self.speed, "mm/s"),
             "loop_period": at_least("loop_period", self.loop_period, 0, "s"),
             "interpreter_time": at_least("interpreter_time", self.interpreter_time, 0, "s"),
-            "start": point("start", self.start),
+            "start": plane_point("start", self.start),
             "height": finite("height", self.height, "mm"),
             "wait_resolution": at_least("wait_resolution", self.wait_resolution, 0, "s"),
             "servo_period": at_least("servo_period", self.servo_period, 0, "s"),
@@ -192,7 +194,7 @@ class MoveSpiral(Controller):
             )
         if self.mhelical_mode not in (0, 1):
             raise InputError(f"mhelical_mode = {self.mhelical_mode}: must be 0 (SPEED in space) or 1 (of the circle)")
-        if self.ratio_bits is not None and not 8 <= whole("ratio_bits", self.ratio_bits, 8) <= 52:
+        if self.ratio_bits is not None and not 8 <= whole_number("ratio_bits", self.ratio_bits, 8) <= 52:
             raise InputError(f"ratio_bits = {self.ratio_bits}: must be at most 52, or none for an exact ratio")
         if self.inner_diameter < -_ROUNDING * self.diameter:
             remedy = fewer_turns(self.diameter, self.thickness)
@@ -343,7 +345,9 @@ class MoveSpiral(Controller):
     @cached_property
     def requested(self) -> Involute:
         """The continuous limit: the involute with normal pitch `thickness`."""
-        return Involute(self.radius, self.thickness, self.turns, self.start, 0.5 * math.pi, self.clockwise, self.height)
+        return _involute(
+            self.radius, self.thickness, self.turns, self.start, 0.5 * math.pi, self.clockwise, self.height
+        )
 
     @cached_property
     def generated(self) -> Path:

@@ -12,8 +12,7 @@ A face within a hundredth of the nozzle's gap over the top touches the glue, whi
 
 Three kinds of contact belong to laying a bead and do not count:
 
-- Glue being laid: the last two widths of bead, and a diameter of the needle, behind it on its trace. An acute corner of
-  30 deg or more lies within.
+- Glue being laid: the last two widths of bead, and a diameter of the needle, behind it, with corners of 30 deg or more.
 - Neighbouring turns, which the face may brush while it dispenses: there the needle passes through a bead only where its
   axis does. How close turns lie is judged by their clearance.
 - Joints: a stretch of dispensing that begins or ends at a bead, its own in an outline that closes, with all of the
@@ -325,7 +324,8 @@ class Ploughing:
         passes: number of passes; two with less than a needle's diameter of motion in between are one.
         depth: greatest depth of the face below the glue's top; 0 where it only touches [mm].
         dots: number of dots among it.
-        tick: where the face is deepest in the longest pass; None without any.
+        tick: where the face is deepest in the longest pass, while it dispenses if it does so in most of that pass; None
+            without any.
     """
 
     length: float = 0.0
@@ -371,6 +371,8 @@ class Ploughing:
             return cls()
         lengths = [bead.length[after - 1] - bead.length[max(first - 1, 0)] for first, after in passes]
         first, after = passes[int(np.argmax(lengths))]
+        dispensing = run.dispense[first - 1 : after - 1]
+        mostly = dispensing == (2 * np.count_nonzero(dispensing) > dispensing.size)
         dotted = touched & sections.is_dot
         return cls(
             length=float(np.count_nonzero(touched & ~sections.is_dot)) * bead.ds
@@ -378,7 +380,7 @@ class Ploughing:
             passes=len(passes),
             depth=max(float(depth.max()), 0.0),
             dots=int(np.count_nonzero(dotted)),
-            tick=first + int(depth[first:after].argmax()),
+            tick=first + int(np.where(mostly, depth[first:after], -np.inf).argmax()),
         )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, lengths, spans
 from gantrysim.base.columns import by_blocks, extent
-from gantrysim.base.errors import check_type, whole
+from gantrysim.base.errors import check_type, whole_number
 from gantrysim.glue.bead.dots import Dot, dots_of, dotted_ticks
 from gantrysim.glue.bead.section import BeadSettings, Section
 from gantrysim.glue.dispenser.material import Material
@@ -145,7 +145,7 @@ class BeadTrace:
         total = max(float(self.length[-1]), _SHORTEST)
         if stations is None:
             stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
-        self.place: Floats = np.linspace(0.0, total, whole("stations", stations, 2))
+        self.place: Floats = np.linspace(0.0, total, whole_number("stations", stations, 2))
 
     @staticmethod
     def of(run: Run, bead: BeadSettings | BeadTrace | None) -> BeadTrace:

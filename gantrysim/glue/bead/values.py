@@ -69,16 +69,6 @@ class BeadValues:
     ridge: float
 
     @property
-    def volume_error_parts(self) -> dict[str, float]:
-        """The parts of `volume_error` by name, in the order of a bead [mm³]."""
-        return {
-            "ramps": self.ramp_error,
-            "starts": self.start_error,
-            "running": self.running_error,
-            "stops": self.stop_error,
-        }
-
-    @property
     def apart_note(self) -> str:
         """Remark on neighbouring turns that lie apart in height."""
         where = "" if self.coverage is None else f" on {100 * (self.apart_share or 0.0):.1f} % of the area"
@@ -101,11 +91,6 @@ class BeadValues:
     def volume_error_percent(self) -> float:
         """Volume error over the requested volume [%]."""
         return 100 * self.volume_error / self.requested_volume
-
-    @property
-    def dispenser_error(self) -> float:
-        """The dispenser's part of the volume error [mm³]."""
-        return self.start_error + self.running_error + self.stop_error
 
 
 # The values of a bead as people see them.

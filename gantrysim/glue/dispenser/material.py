@@ -30,7 +30,7 @@ class Material(NamedTuple):
         """
         if self.extrusion is None:
             raise without_e()
-        furthest = np.maximum.accumulate(np.maximum(self.extrusion, 0.0))
+        furthest = np.maximum.accumulate(self.extrusion)
         return np.diff(furthest, append=furthest[-1:])
 
     def stroke(self) -> Floats:

@@ -79,10 +79,6 @@ class Syringe:
         """Rate C p0 at which air flows in [mm³/s]."""
         return _PER_BAR * self.conductance
 
-    def time_constant(self, used: float = 0.0) -> float:
-        """Return the time constant T = V / (C p0) [s] after a volume of glue has been used [mm³]."""
-        return (self.air + used) / self.rate
-
 
 @jit
 def exchanged_pressure(pressure: float, supply: float, duration: float, constant: float, ratio: float) -> float:

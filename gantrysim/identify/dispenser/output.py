@@ -8,7 +8,7 @@ from typing import Any
 import tomli_w
 from rich.table import Table
 
-from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.files import replaced_file
 from gantrysim.identify.dispenser.advice import Advice
 from gantrysim.identify.dispenser.identification import DispenserIdentification, DispenserValue
@@ -73,7 +73,7 @@ def write_tables(identification: DispenserIdentification, file: Path) -> None:
     Raises:
         InputError: the file holds something else, or cannot be written.
     """
-    target = expanded(file)
+    target = expanded_path(file)
     if target.exists() and not _is_own(target):
         raise InputError(f"--out {file}: holds something else than an identified dispenser: name another file")
     with replaced_file(target) as partial:

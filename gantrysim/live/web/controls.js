@@ -4,10 +4,14 @@ import { element, toggle } from "../../report/web/dom.js";
 
 const STEPS = 1000; // of a slider
 const PLACE = ["program.placement.x", "program.placement.y"];
+/** @type {Record<string, string>} */
 const HEADS = { machine: "Machine", program: "Program", servo: "Servo", glue: "Glue", placement: "Placement" };
 
 export class Controls {
-  /** @param place element; @param changed called with values by key, and whether a slider is being dragged */
+  /**
+   * @param place element; @param changed called with values by key, and whether a slider is being dragged
+   * @param {HTMLElement} place @param {(values: Record<string, unknown>, dragging: boolean) => void} changed
+   */
   constructor(place, changed) {
     this.box = place;
     this.changed = changed;
@@ -16,7 +20,7 @@ export class Controls {
     this.shape = "";
   }
 
-  /** Show the values of the controls; those that are being used keep theirs. */
+  /** Show the values of the controls; those that are being used keep theirs. @param {ControlContent[]} controls */
   show(controls) {
     const shape = JSON.stringify(controls.map(({ key, low, high, options, initial }) => [key, low, high, options, initial]));
     if (shape !== this.shape) this._build(controls);
@@ -31,7 +35,7 @@ export class Controls {
     return x === undefined || y === undefined ? null : { x, y };
   }
 
-  /** Move the part, within its bounds. */
+  /** Move the part, within its bounds. @param {number} x @param {number} y @param {boolean} dragging */
   move(x, y, dragging) {
     const values = [x, y].map((value, k) => {
       const { low, high } = this.controls.get(PLACE[k]);
@@ -40,6 +44,7 @@ export class Controls {
     this.changed(Object.fromEntries(PLACE.map((key, k) => [key, values[k]])), dragging);
   }
 
+  /** @param {ControlContent[]} controls */
   _build(controls) {
     this.rows.clear();
     const groups = new Map();
@@ -54,28 +59,34 @@ export class Controls {
     this.box.replaceChildren(...groups.values());
   }
 
+  /** @param {ControlContent} control */
   _reset(control) {
     const button = element("button", { type: "button", class: "reset", "aria-label": `reset ${control.label}`, title: "reset" }, "↺");
     button.addEventListener("click", () => this.changed({ [control.key]: null }, false));
     return button;
   }
 
+  /** @param {ControlContent} control */
   _slider(control) {
-    const { key, label, unit, low, high, is_ratio: isRatio, initial, meaning } = control;
+    const { key, label, unit, low, high, is_ratio: isRatio, meaning } = control;
+    const initial = Number(control.initial);
+    /** @param {number} value */
     const share = (value) => (isRatio ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
+    /** @param {number} part */
     const valueAt = (part) => (isRatio ? low * (high / low) ** part : low + part * (high - low));
     const slider = element("input", { type: "range", min: 0, max: STEPS, step: 1, "aria-label": label, "data-key": key });
     const number = element("input", { type: "number", min: low, max: high, step: "any", "aria-label": `${label}, ${unit || "number"}`, "data-number": key });
     const reset = this._reset(control);
     const row = element("div", { class: "control", title: meaning }, element("span", { class: "label" }, label), number, element("span", { class: "unit" }, unit), reset, slider);
     let held = false; // while it is dragged or typed in
+    /** @param {number} value */
     const paint = (value) => {
       slider.setAttribute("aria-valuetext", `${short(value)} ${unit}`.trim());
       reset.hidden = Math.abs(value - initial) <= 1e-9 * Math.abs(initial);
     };
     slider.addEventListener("input", () => {
       held = true;
-      const value = Number(clipped(valueAt(slider.value / STEPS), low, high).toPrecision(4));
+      const value = Number(clipped(valueAt(Number(slider.value) / STEPS), low, high).toPrecision(4));
       number.value = short(clipped(value, low, high));
       paint(value);
       this.changed({ [key]: clipped(value, low, high) }, true);
@@ -87,6 +98,7 @@ export class Controls {
     number.addEventListener("change", () => {
       if (number.value !== "") this.changed({ [key]: clipped(Number(number.value), low, high) }, false);
     });
+    /** @param {number} value */
     const set = (value) => {
       if (held) return;
       if (document.activeElement !== number || number.value === "") number.value = short(value);
@@ -96,6 +108,7 @@ export class Controls {
     return { element: row, set };
   }
 
+  /** @param {ControlContent} control */
   _choice(control) {
     const { key, label, options, initial } = control;
     const select = element("select", { "aria-label": label, "data-key": key }, ...options.map((name) => element("option", { value: name }, name.split(/[\\/]/).pop())));
@@ -104,6 +117,7 @@ export class Controls {
     const row = element("div", { class: "control choice-row" }, element("span", { class: "label" }, label), select, reset);
     return {
       element: row,
+      /** @param {string} value */
       set: (value) => {
         select.value = value;
         reset.hidden = value === initial;
@@ -111,9 +125,10 @@ export class Controls {
     };
   }
 
+  /** @param {ControlContent} control */
   _laws(control) {
     const { key, label, options, additions, initial } = control;
-    let value = initial;
+    let value = /** @type {string[]} */ (initial);
     const select = element("select", { "aria-label": label, "data-key": key }, ...options.map((name) => element("option", { value: name }, name)));
     select.addEventListener("change", () => this.changed({ [key]: [select.value, ...value.slice(1)] }, false));
     const buttons = additions.map((name) =>
@@ -126,6 +141,7 @@ export class Controls {
     const row = element("div", { class: "control choice-row" }, element("span", { class: "label" }, label), select, reset, element("div", { class: "laws" }, ...buttons));
     return {
       element: row,
+      /** @param {string[]} laws */
       set: (laws) => {
         value = laws;
         select.value = laws[0];
@@ -136,10 +152,12 @@ export class Controls {
   }
 }
 
+/** @param {number} value @param {number} low @param {number} high */
 function clipped(value, low, high) {
   return Math.min(Math.max(value, low), high);
 }
 
+/** @param {number} value */
 function short(value) {
   return String(Number(value.toPrecision(4)));
 }

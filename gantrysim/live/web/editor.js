@@ -5,13 +5,18 @@ import { element, toggle } from "../../report/web/dom.js";
 const PAUSE = 250; // in typing, after which a text is sent [ms]
 
 export class Editor {
-  /** @param places elements for the choice of texts and the editor; @param changed called with kind and text */
+  /**
+   * @param places elements for the choice of texts and the editor; @param changed called with kind and text
+   * @param {Record<string, HTMLElement>} places @param {(kind: string, text: string) => void} changed @param {(line: number) => void} atLine
+   */
   constructor(places, changed, atLine) {
     this.places = places;
     this.changed = changed;
     this.atLine = atLine;
     this.kind = "program";
+    /** @type {Record<string, string | null>} */
     this.texts = {};
+    this.count = 0;
     this.numbers = element("pre", { class: "numbers", "aria-hidden": "true" });
     this.marks = element("div", { class: "marks", "aria-hidden": "true" });
     this.area = element("textarea", { spellcheck: "false", autocomplete: "off", wrap: "off", "aria-label": "Program" });
@@ -25,7 +30,11 @@ export class Editor {
     this.error = null;
   }
 
-  /** Take over the texts of a job: of its program, null where it has none, and of its job file, likewise. */
+  /**
+   * Take over the texts of a job: of its program, null where it has none, and of its job file, likewise.
+   *
+   * @param {Texts} texts
+   */
   show({ program, job }) {
     this.texts = { program, job };
     if (this.texts[this.kind] == null) this.kind = program == null ? "job" : "program";
@@ -34,6 +43,7 @@ export class Editor {
   }
 
   _choices() {
+    /** @type {Record<string, string>} */
     const labels = { program: "Program", job: "Job file" };
     const kinds = Object.keys(labels).filter((kind) => this.texts[kind] != null);
     const buttons = kinds.map((kind) =>
@@ -91,7 +101,7 @@ export class Editor {
     this.atLine(this.area.value.slice(0, this.area.selectionStart).split("\n").length);
   }
 
-  /** Mark the line of the program at the cursor, and scroll to it unless one is typing. */
+  /** Mark the line of the program at the cursor, and scroll to it unless one is typing. @param {number} line */
   setLine(line) {
     if (line === this.current) return;
     this.current = line;
@@ -102,7 +112,11 @@ export class Editor {
     if (top < scrollTop || top > scrollTop + clientHeight - 2 * this._height) this.area.scrollTop = top - clientHeight / 2;
   }
 
-  /** Mark what is refused, or nothing; a program's lines are those of the program, else those of the job file. */
+  /**
+   * Mark what is refused, or nothing; a program's lines are those of the program, else those of the job file.
+   *
+   * @param {Refusal | null} error
+   */
   setError(error) {
     this.error = error;
     this._mark();
@@ -110,8 +124,10 @@ export class Editor {
   }
 
   _mark() {
+    /** @type {HTMLElement[]} */
     const marks = [];
     const height = this._height;
+    /** @param {number} line @param {string} kind */
     const at = (line, kind, attributes = {}) => {
       const mark = element("div", { class: kind, ...attributes });
       mark.style.top = `${(line - 1) * height}px`;
@@ -131,7 +147,7 @@ export class Editor {
       }
     }
     this.marks.replaceChildren(...marks);
-    this.numbers.dataset.error = this.error?.line || "";
+    this.numbers.dataset.error = String(this.error?.line || "");
     this._scrolled();
   }
 }

@@ -3,9 +3,13 @@
 const AGAIN = 1000; // after which a lost connection is tried again [ms]
 
 export class Link {
-  /** @param listeners functions by the kind of message, with its content; "result" gets head and content, "lost" nothing */
+  /**
+   * @param listeners functions by the kind of message, with its content; "result" gets head and content, "lost" nothing
+   * @param {Listeners} listeners
+   */
   constructor(listeners) {
     this.listeners = listeners;
+    /** @type {any} fields and columns by their names */
     this.content = { columns: {} };
     this._open();
   }
@@ -26,11 +30,12 @@ export class Link {
     });
   }
 
-  /** Ask the server to do something; nothing is asked of one that is gone. */
+  /** Ask the server to do something; nothing is asked of one that is gone. @param {object} order */
   send(order) {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(order));
   }
 
+  /** @param {ArrayBuffer | string} data */
   _take(data) {
     if (typeof data !== "string") {
       const { fields, columns, same, ...head } = this._unpack(data);
@@ -39,10 +44,12 @@ export class Link {
       return;
     }
     const { kind, ...content } = JSON.parse(data);
-    this.listeners[kind]?.(content);
+    /** @type {Record<string, (...content: any[]) => void>} */
+    const listeners = { ...this.listeners };
+    listeners[kind]?.(content);
   }
 
-  /** The header of a message, with the bytes of its columns. */
+  /** The header of a message, with the bytes of its columns. @param {ArrayBuffer} data */
   _unpack(data) {
     const length = new DataView(data).getUint32(0, true);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
@@ -57,6 +64,7 @@ export class Link {
   }
 }
 
+/** @param {string[]} names @param {Record<string, any>} content */
 function pick(content, names) {
   return Object.fromEntries(names.map((name) => [name, content[name]]));
 }

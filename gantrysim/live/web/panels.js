@@ -2,13 +2,21 @@
 
 import { element } from "../../report/web/dom.js";
 
-/** Show a verdict in a place, that of the kept run beside it; what was unfolded stays so. */
+/**
+ * Show a verdict in a place, that of the kept run beside it; what was unfolded stays so.
+ *
+ * @param {HTMLElement} place @param {Head} head
+ */
 export function showVerdict(place, head) {
-  const open = [...place.querySelectorAll("[data-row]:has(details[open])")].map((row) => row.dataset.row);
+  const words = JSON.stringify([head.headline, head.rows, head.sentence, head.kept]);
+  if (place.dataset.words === words) return; // else it would be read out again
+  place.dataset.words = words;
+  const open = [...place.querySelectorAll("[data-row]:has(details[open])")].map((row) => row.getAttribute("data-row"));
   place.replaceChildren(...verdictRows(head));
   for (const name of open) place.querySelector(`[data-row="${name}"] details`)?.setAttribute("open", "");
 }
 
+/** @param {Head} head */
 function verdictRows(head) {
   const kept = head.kept ? new Map(head.kept.rows.map((row) => [row.name, row])) : null;
   const rows = head.rows.map((row) => verdictRow(row, kept?.get(row.name)));
@@ -17,8 +25,10 @@ function verdictRows(head) {
   return [title, ...rows, ...sentence];
 }
 
+/** @param {RowContent} row @param {RowContent} [kept] of the kept run */
 export function verdictRow(row, kept) {
   const [first, ...others] = row.texts.map((text) => element("p", {}, text));
+  /** @type {HTMLElement[]} */
   const texts = first ? [first] : [];
   if (others.length) texts.push(element("details", {}, element("summary", {}, `${others.length} more`), ...others));
   const before = kept ? [element("p", { class: "before" }, `kept: ${kept.symbol} ${kept.texts[0] || ""}`)] : [];
@@ -26,11 +36,16 @@ export function verdictRow(row, kept) {
   return element("div", { class: `row ${stateClass(row.state)}`, "data-row": row.name }, head, ...texts, ...before);
 }
 
+/** @param {string} state */
 function stateClass(state) {
   return `is-${state.replaceAll(" ", "-")}`;
 }
 
-/** The proposals, each with the share of the limits that it leaves used, and a button to try it. */
+/**
+ * The proposals, each with the share of the limits that it leaves used, and a button to try it.
+ *
+ * @param {Proposals} found @param {(number: number) => void} tried
+ */
 export function proposalTable({ sentence, heads, proposals }, tried) {
   const head = ["", ...heads, ""].map((text) => element("th", { scope: "col" }, text));
   const rows = proposals.map(({ label, usages, cost }, number) => {

@@ -9,14 +9,28 @@ import { Views } from "./views.js";
 
 const SEEN = "gantrysim-live-seen";
 const GROUPS = { folder: "in this folder", dropped: "dropped", "built-in": "built-in" };
+const RECORD = "run.npz"; // of the folder of a run
 const FORMER = "computing; what is shown is of the former value";
 
-const at = (id) => document.getElementById(id);
+/**
+ * The element of an id.
+ *
+ * @template {string} Id
+ * @param {Id} id
+ * @returns {Id extends keyof PageElements ? PageElements[Id] : HTMLElement}
+ */
+const at = (id) => /** @type {any} */ (document.getElementById(id));
+
+/** @param {string} order @returns {HTMLButtonElement} */
+const buttonOf = (order) => document.querySelector(`[data-do="${order}"]`);
 
 class Workbench {
   constructor() {
+    /** @type {Partial<State>} */
     this.state = { number: -1 };
+    this.listed = "";
     this.shown = -1; // number of the request whose result is shown
+    /** @type {Head | null} */
     this.head = null;
     this.waiting = false; // for the answer to a slider, until which the next value waits
     this.next = null;
@@ -36,9 +50,10 @@ class Workbench {
       controls: ({ controls }) => this.controls.show(controls),
       margins: ({ row }) => this.margins(row),
       progress: (progress) => this.progress(progress),
-      compiling: ({ text }) => this.say(text),
+      compiling: ({ text }) => this.say((this.compiling = text)),
       proposals: (proposals) => this.proposals(proposals),
       written: ({ folder, page }) => this.say(`written to ${page || folder}`),
+      film: (film) => this.film(film),
       refused: (refusal) => this.refused(refusal),
       remark: ({ text }) => this.remark(text),
       result: (head, content, bytes) => this.result(head, content, bytes),
@@ -46,11 +61,16 @@ class Workbench {
     this.listen();
   }
 
+  /** @param {object} order */
   order(order) {
     this.link.send(order);
   }
 
-  /** Send values; while a slider is dragged the next one waits for the answer, and only the last counts. */
+  /**
+   * Send values; while a slider is dragged the next one waits for the answer, and only the last counts.
+   *
+   * @param {Record<string, unknown>} values @param {boolean} dragging
+   */
   set(values, dragging) {
     if (dragging && this.waiting) {
       this.next = values;
@@ -67,23 +87,29 @@ class Workbench {
     if (this.next) this.set(this.next, true);
   }
 
+  /** @param {boolean} isThere */
   connected(isThere) {
     at("lost").hidden = isThere;
     at("lost").textContent = isThere ? "" : "The server is gone: nothing is computed. Start gantrysim live again; this page tries to reconnect.";
     at("bench").inert = !isThere;
   }
 
+  /** @param {State} state */
   setState(state) {
     const listed = JSON.stringify([state.jobs, state.path]);
     if (listed !== this.listed) this.jobs(state);
     this.listed = listed;
+    const before = this.state;
     this.state = state;
     const enabled = { undo: state.can_undo, redo: state.can_redo, reset: state.changed };
-    for (const [name, can] of Object.entries(enabled)) document.querySelector(`[data-do="${name}"]`).disabled = !can;
+    for (const [name, can] of Object.entries(enabled)) buttonOf(name).disabled = !can;
     at("keep").setAttribute("aria-pressed", String(state.kept));
-    const unsave = document.querySelector('[data-do="unsave"]');
+    const unsave = buttonOf("unsave");
     unsave.hidden = !state.saved;
     unsave.title = `put back what stood in ${state.saved}`;
+    at("beside").hidden = !state.beside;
+    if (state.beside && state.beside.path !== before.beside?.path) this.laidBeside(state.beside);
+    at("former").textContent = state.filmed ? "" : "of a former value";
     at("where").textContent = `in ${state.folder}`;
     at("work").hidden = !state.busy;
     if (!state.busy) at("progress").removeAttribute("value");
@@ -97,10 +123,12 @@ class Workbench {
 
   paintStale() {
     at("bench").classList.toggle("stale", this.stale);
+    at("verdict").setAttribute("aria-busy", String(this.stale));
     if (this.stale) this.say(FORMER);
-    else if (at("status").textContent === FORMER) this.say("");
+    else if ([FORMER, this.compiling].includes(at("status").textContent)) this.say("");
   }
 
+  /** @param {State} state */
   jobs({ jobs, path }) {
     const groups = Object.entries(GROUPS).filter(([kind]) => jobs[kind].length);
     const options = groups.map(([kind, label]) =>
@@ -114,32 +142,71 @@ class Workbench {
     if (chosen) chosen.selected = true;
   }
 
+  /** @param {RowContent} row */
   margins(row) {
     const present = document.querySelector('[data-row="stability"]');
-    if (present) present.replaceWith(verdictRow(row));
+    const kept = this.head?.kept?.rows.find(({ name }) => name === row.name);
+    if (present) present.replaceWith(verdictRow(row, kept));
   }
 
+  /** @param {{ share: number, task: string }} progress */
   progress({ share, task }) {
     at("progress").value = share;
     at("task").textContent = task;
   }
 
+  /** @param {Head} head @param {RunContent | ComparedContent} content @param {number} bytes */
   result(head, content, bytes) {
     this.head = head;
     this.shown = head.number;
     this.refused(null);
     showVerdict(at("verdict"), head);
+    if (head.beside) this.difference(head.beside);
     document.title = `${head.headline.slice(0, 1)} ${head.name}, gantrysim live`;
     this.views.show(content, head.name);
     at("bench").dataset.engine = head.engine;
-    at("bench").dataset.bytes = bytes;
-    at("bench").dataset.number = head.number;
+    at("bench").dataset.bytes = String(bytes);
+    at("bench").dataset.number = String(head.number);
     performance.mark("result-shown");
     this.paintStale();
     this.answered();
   }
 
+  /** @param {State["beside"]} beside */
+  laidBeside({ name, columns, period }) {
+    at("beside-title").textContent = `Beside: ${name}`;
+    at("difference").textContent = "comparing …";
+    at("notes").replaceChildren();
+    at("columns").value = columns;
+    at("period").value = String(period ?? "");
+  }
+
+  /** @param {BesideContent} beside */
+  difference({ sentence, notes, failed }) {
+    at("difference").textContent = sentence;
+    at("difference").classList.toggle("alarm", failed);
+    at("notes").replaceChildren(...notes.map((note) => element("p", {}, note)));
+    if (failed) at("assign").open = true;
+  }
+
+  /** @param {{ name: string, number: number }} film */
+  film({ name, number }) {
+    const address = `/film?number=${number}`;
+    at("video").setAttribute("src", address);
+    at("video").setAttribute("aria-label", `Film of ${name}`);
+    at("film-title").textContent = `Film of ${name}`;
+    at("download").setAttribute("href", address);
+    at("download").setAttribute("download", `${name}.mp4`);
+    at("film").hidden = false;
+    at("film").scrollIntoView({ block: "nearest" });
+  }
+
+  /** @param {Refusal | null} refusal */
   refused(refusal) {
+    if (refusal && refusal.task !== "show") {
+      this.say(`${refusal.task}: ${refusal.text}`);
+      return;
+    }
     this.editor.setError(refusal);
     at("refused").hidden = !refusal;
     at("refused").textContent = refusal ? refusal.text : "";
@@ -150,11 +217,13 @@ class Workbench {
     }
   }
 
+  /** @param {string} text */
   remark(text) {
     this.say(text);
     this.answered();
   }
 
+  /** @param {Proposals} proposals */
   proposals(proposals) {
     const section = at("proposals");
     section.hidden = false;
@@ -162,12 +231,15 @@ class Workbench {
     section.scrollIntoView({ block: "nearest" });
   }
 
+  /** @param {string} text */
   say(text) {
     at("status").textContent = text;
   }
 
   listen() {
-    for (const button of document.querySelectorAll("[data-do]")) {
+    /** @type {NodeListOf<HTMLButtonElement>} */
+    const buttons = document.querySelectorAll("[data-do]");
+    for (const button of buttons) {
       button.addEventListener("click", () => this.order({ do: button.dataset.do }));
     }
     at("keep").addEventListener("click", () => this.order({ do: "keep", on: at("keep").getAttribute("aria-pressed") !== "true" }));
@@ -182,13 +254,25 @@ class Workbench {
     at("saving").addEventListener("close", () => {
       if (at("saving").returnValue === "save") this.order({ do: "save", name: at("file").value });
     });
+    at("columns-form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      const { value } = at("period");
+      this.order({ do: "columns", columns: at("columns").value, period: value === "" ? null : Number(value) });
+    });
+    at("film-close").addEventListener("click", () => {
+      at("film").hidden = true;
+      at("video").removeAttribute("src");
+      at("video").load();
+    });
     document.addEventListener("keydown", (event) => this.key(event));
     this.drops();
     this.first();
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
-    const typing = ["TEXTAREA", "INPUT"].includes(event.target.tagName) && event.target.type !== "range";
+    const { target } = event;
+    const typing = target instanceof HTMLTextAreaElement || (target instanceof HTMLInputElement && target.type !== "range");
     if (event.key === "Escape" && this.state.busy) this.order({ do: "stop" });
     if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || typing) return;
     event.preventDefault();
@@ -206,14 +290,17 @@ class Workbench {
     document.addEventListener("drop", async (event) => {
       event.preventDefault();
       document.body.classList.remove("dropping");
-      const file = event.dataTransfer.files[0];
+      const folder = event.dataTransfer.items[0]?.webkitGetAsEntry?.();
+      const file = folder?.isDirectory ? await recordOf(/** @type {FileSystemDirectoryEntry} */ (folder)) : event.dataTransfer.files[0];
       if (file) await this.upload(file);
+      else this.say(`${folder ? folder.name : "what was dropped"}: no file, nor a folder with ${RECORD}`);
     });
   }
 
+  /** @param {File} file */
   async upload(file) {
     at("proposals").hidden = true;
-    const answer = await fetch(`/upload?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(() => null);
+    const answer = await fetch(`/upload?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(/** @returns {null} */ () => null);
     if (!answer?.ok) this.say(`${file.name}: ${answer ? (await answer.text()).trim() : "the server is gone"}`);
   }
 
@@ -230,6 +317,18 @@ class Workbench {
       } catch {}
     });
   }
+}
+
+/**
+ * The record in the folder of a run; null where there is none.
+ *
+ * @param {FileSystemDirectoryEntry} folder @returns {Promise<File | null>}
+ */
+function recordOf(folder) {
+  return new Promise((resolve) => {
+    const failed = () => resolve(null);
+    folder.getFile(RECORD, {}, (entry) => /** @type {FileSystemFileEntry} */ (entry).file(resolve, failed), failed);
+  });
 }
 
 new Workbench();

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import whole
+from gantrysim.base.errors import whole_number
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.record.run import Run
@@ -121,7 +121,7 @@ class Live:
         timer: Callable[[], float] = time.perf_counter,
     ) -> None:
         self._simulation = simulation
-        self._chunk = whole("chunk", chunk, 1)
+        self._chunk = whole_number("chunk", chunk, 1)
         self._patience = patience
         self._timer = timer
         self.until = (len(simulation.position) - 1) * simulation.setpoints.period

@@ -16,6 +16,7 @@ from gantrysim.report.plots.pictures import run_plots
 from gantrysim.report.plots.plan import draw_plan
 from gantrysim.report.plots.spacing import draw_polar_spacing, draw_spacing
 from gantrysim.report.plots.style import COLOURS, sheet, view_height
+from gantrysim.results.checks import Check
 
 
 class PlotError(GantryError):
@@ -28,6 +29,7 @@ def save_plots(
     bead: Bead | None = None,
     progress: Callable[[float], None] | None = None,
     only_missing: bool = False,
+    check: Check | None = None,
 ) -> list[FilePath]:
     """Write plan.png, error.png, budget.png, spacing.png of neighbouring turns, and bead.png where there is glue.
 
@@ -37,6 +39,8 @@ def save_plots(
         bead: the bead of the run.
         progress: called with the share that is done.
         only_missing: leave the files that exist.
+        check: value of the verdict whose place plan.png marks, see `Verdict.placed_check`; None for the largest path
+            error.
 
     Returns:
         The files written.
@@ -45,7 +49,7 @@ def save_plots(
         PlotError: plots that failed; the others are written.
     """
     budget = of if isinstance(of, Budget) else Budget(of)
-    plots = list(run_plots(budget, bead))
+    plots = list(run_plots(budget, bead, check))
     written = []
     failed = []
     for done, plot in enumerate(plots, 1):

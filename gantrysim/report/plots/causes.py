@@ -37,7 +37,7 @@ def draw_causes(figure: Figure | SubFigure, worth: Mapping[str, Mapping[str, flo
     for axes, error in zip(panels, errors, strict=True):
         size = np.array([UM * sizes[error] for sizes in worth.values()])
         bars = axes.barh(places, np.nan_to_num(size), 0.62, color=COLOURS[error])
-        numbers = [number_text(value, CELL_FORM).replace("-", "−") for value in size]
+        numbers = [number_text(value, CELL_FORM) for value in size]
         for text in axes.bar_label(bars, numbers, padding=3, fontsize=8):
             # inside of all others: the scale below leaves room
             text.set_in_layout(axes is panels[-1])

@@ -21,6 +21,7 @@ from gantrysim.report.plots.error import draw_error
 from gantrysim.report.plots.plan import draw_plan, plan_extent
 from gantrysim.report.plots.spacing import draw_spacing
 from gantrysim.report.plots.style import COLOURS, COLUMNS, RESOLUTION, common_style, sheet, thinned_line, view_height
+from gantrysim.results.checks import Check
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,10 +89,16 @@ class Plot:
         return file
 
 
-def run_plots(budget: Budget, bead: Bead | None) -> Iterator[Plot]:
-    """Yield the plots of a run that are saved: plan view, errors, error budget, spacing of turns, and bead."""
+def run_plots(budget: Budget, bead: Bead | None, check: Check | None = None) -> Iterator[Plot]:
+    """Yield the plots of a run that are saved: plan view, errors, error budget, spacing of turns, and bead.
+
+    Args:
+        budget: of the run.
+        bead: of the run.
+        check: value of the verdict whose place the plan view marks; None for the largest path error.
+    """
     analysis = budget.analysis
-    yield plan_plot(analysis)
+    yield plan_plot(analysis, check)
     yield error_plot(analysis)
     yield budget_plot(budget)
     if analysis.spacing.distance.size:
@@ -100,10 +107,10 @@ def run_plots(budget: Budget, bead: Bead | None) -> Iterator[Plot]:
         yield height_plot(bead)
 
 
-def plan_plot(analysis: Analysis) -> Plot:
-    """Return the plan view of a run."""
+def plan_plot(analysis: Analysis, check: Check | None = None) -> Plot:
+    """Return the plan view of a run, see `run_plots`."""
     height = view_height(*plan_extent(analysis), _PLAN)
-    return Plot("plan", partial(draw_plan, analysis=analysis), _PLAN, height, fault=_fault(analysis))
+    return Plot("plan", partial(draw_plan, analysis=analysis, check=check), _PLAN, height, fault=_fault(analysis))
 
 
 def error_plot(analysis: Analysis) -> Plot:

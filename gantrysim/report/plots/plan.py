@@ -9,6 +9,7 @@ import numpy as np
 from gantrysim.base.columns import by_blocks
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.report.plots.style import COLOURS, UM, add_legend, axes_on
+from gantrysim.results.checks import Check
 from gantrysim.results.colours import INK
 
 if TYPE_CHECKING:
@@ -19,8 +20,14 @@ _MOST_POINTS = 500_000  # of the nozzle's path
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
-def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
-    """Draw the requested path, and the nozzle's path with its error magnified; return the axes."""
+def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis, check: Check | None = None) -> Axes:
+    """Draw the requested path, and the nozzle's path with its error magnified; return the axes.
+
+    Args:
+        on: what to draw on.
+        analysis: of the run.
+        check: value of the verdict whose place is marked, see `Verdict.placed_check`; None for the largest path error.
+    """
     run = analysis.run
     axes = axes_on(on)
     distance = analysis.nozzle.distance
@@ -35,9 +42,14 @@ def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     axes.plot(line[:, 0], line[:, 1], color=COLOURS["requested"], lw=1.0, label="requested path")
     label = f"nozzle, error × {factor}" if factor > 1 else "nozzle"
     axes.plot(drawn[:, 0], drawn[:, 1], color=COLOURS["contour"], lw=1.0, label=label)
-    worst_label = f"largest error: {UM * distance[worst]:.0f} µm"
+    if check is None or check.place.time is None:
+        tick = int(analysis.ticks[worst])
+        worst_label = f"largest error: {UM * distance[worst]:.0f} µm"
+    else:
+        tick = min(int(np.searchsorted(run.time, check.place.time - 0.5 * run.period)), len(run.time) - 1)
+        worst_label = f"worst: {check.brief}"
     axes.plot(
-        *drawn[np.searchsorted(shown, worst), :2],
+        *_drawn_place(analysis, tick, factor),
         "v",
         ms=7,
         mfc="none",
@@ -53,6 +65,16 @@ def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     axes.set(xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view, machine {run.machine}")
     add_legend(on, 3)
     return axes
+
+
+def _drawn_place(analysis: Analysis, tick: int, factor: int) -> tuple[float, float]:
+    """Return x and y at which a tick of the run is drawn; its error is magnified where the dispenser is on [mm]."""
+    x, y = analysis.run.nozzle[tick, :2].tolist()
+    row = int(np.searchsorted(analysis.ticks, tick))
+    if row == analysis.ticks.size or analysis.ticks[row] != tick:
+        return x, y
+    dx, dy = ((factor - 1) * analysis.nozzle.offset[row, :2]).tolist()
+    return x + dx, y + dy
 
 
 def plan_extent(analysis: Analysis) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
-from gantrysim.results.colours import FAULT, INK, LINKS, MAGNITUDE, REQUESTED, ColourScale
+from gantrysim.results.colours import BAD, FAULT, INK, LINKS, MAGNITUDE, REQUESTED, ColourScale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,6 +23,9 @@ COLUMNS = 1000  # horizontal resolution of a thinned line
 RESOLUTION = 130.0  # of pictures [dpi]
 
 UM = 1e3  # micrometres in a millimetre
+
+FAR = 4.0  # times what is drawn, beyond which a limit is no longer on its scale
+_ABOVE = 1.08  # top of the axis, of a limit
 
 # of the links, the contour error that they add up to, the requested path, and faults
 COLOURS = {"requested": REQUESTED, **LINKS, "contour": INK, "fault": FAULT}
@@ -97,6 +100,32 @@ def add_legend(on: Figure | SubFigure | Axes, columns: int) -> None:
         on.legend(loc="outside lower center", ncols=columns)
     else:
         on.legend(fontsize="small")
+
+
+def draw_limit(axes: Axes, limit: float, signed: bool = True) -> None:
+    """Draw the largest error of the path that a tolerance admits, on the side or both sides of zero [µm].
+
+    Where it lies so far beyond what is drawn that nothing else would be seen, a text says so instead.
+
+    Args:
+        axes: of errors [µm], which are drawn.
+        limit: of their size [µm].
+        signed: whether the errors have a sign.
+    """
+    low, high = axes.get_ylim()
+    text = limit_text(limit, signed)
+    if limit > FAR * max(-low, high):
+        text = f"{text}, beyond this scale"
+        axes.text(0.995, 0.94, text, transform=axes.transAxes, ha="right", va="top", color=BAD, fontsize=8)
+        return
+    for side in (1, -1) if signed else (1,):
+        axes.axhline(side * limit, color=BAD, lw=1.2, ls="--", label=text if side > 0 else "_")
+    axes.set_ylim(min(low, -_ABOVE * limit) if signed else low, max(high, _ABOVE * limit))
+
+
+def limit_text(limit: float, signed: bool = True) -> str:
+    """Return a limit of errors [µm] in words."""
+    return f"limit {'± ' if signed else ''}{limit:.3g} µm"
 
 
 def line_style(name: str) -> Any:

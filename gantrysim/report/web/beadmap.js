@@ -12,6 +12,7 @@ const SHADES = 96; // of a scale
 const DRY = 0.02; // of the nominal width; a narrower bead is none
 
 export class BeadMap {
+  /** @param {RunData} data @param {Cursor} cursor @param {Region} region */
   constructor(data, cursor, region) {
     this.data = data;
     this.byError = Boolean(data.width) && data.shown === "path";
@@ -51,6 +52,7 @@ export class BeadMap {
     this.map.redraw();
   }
 
+  /** @param {Context} context @param {PlanMap} map @param {Theme} colours */
   _draw(context, map, colours) {
     if (this.data.width) this._bead(context, map, colours);
     for (const dot of this.data.dots) {
@@ -63,12 +65,14 @@ export class BeadMap {
       context.stroke();
     }
     const { x, y } = this.data.column;
+    /** @param {number} row */
     const point = (row) => ({ x: x[row], y: y[row] });
     const { worst } = this.data;
     map.markWorst(context, map.px(x[worst]), map.py(y[worst]), colours, "worst");
     map.markEnds(context, point, colours);
   }
 
+  /** @param {Context} context @param {PlanMap} map @param {Theme} colours */
   _bead(context, map, colours) {
     const { data, widest } = this;
     const { x, y, width } = data.column;
@@ -86,21 +90,21 @@ export class BeadMap {
     // strokes of one width and one colour each, by both
     const pieces = new Map();
     const place = placeOf(data, !this.byError);
-    let before = "";
+    let before = -1; // no piece
     for (let row = 0; row < data.rows; row++) {
       const wide = width[row];
       if (!(wide > DRY * nominal)) {
-        before = "";
+        before = -1;
         continue;
       }
       const level = Math.max(Math.round((LEVELS * wide) / widest), 1);
       const share = place(row);
       const shade = share === share ? Math.round(SHADES * share) : -1;
-      const key = level * 1000 + shade;
+      const key = level * 1000 + shade; // level is 1 at least
       if (!pieces.has(key)) pieces.set(key, { path: new Path2D(), wide: (widest * level) / LEVELS, shade });
       const { path } = pieces.get(key);
       if (before !== key) {
-        const start = before === "" ? row : row - 1; // pieces of different width touch
+        const start = before < 0 ? row : row - 1; // pieces of different width touch
         path.moveTo(map.px(x[start]), map.py(y[start]));
       }
       path.lineTo(map.px(x[row]), map.py(y[row]));

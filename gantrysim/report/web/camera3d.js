@@ -16,6 +16,8 @@ export class Camera {
   /** @param {{azimuth: number, elevation: number}} home direction in which the camera looks at first [deg] */
   constructor(home) {
     this.home = home;
+    this.distance = 1;
+    this.whole = 1; // distance that shows everything
     this.three = new PerspectiveCamera(FIELD_OF_VIEW, 1, 1, 1000);
     this.three.matrixAutoUpdate = false;
     this.target = new Vector3();
@@ -26,7 +28,11 @@ export class Camera {
     this.look(home.azimuth, home.elevation);
   }
 
-  /** Look into a direction: azimuth from x about z, and degrees downwards. */
+  /**
+   * Look into a direction: azimuth from x about z, and degrees downwards.
+   *
+   * @param {number} azimuth @param {number} elevation
+   */
   look(azimuth, elevation) {
     this.azimuth = ((azimuth % 360) + 360) % 360;
     this.elevation = Math.min(Math.max(elevation, LOWEST), STEEPEST);
@@ -37,7 +43,11 @@ export class Camera {
     this.up.crossVectors(this.right, this.forward);
   }
 
-  /** Show all points, [x, y, z, x, ...], from the direction in which the camera looks, in the middle of the picture. */
+  /**
+   * Show all points, [x, y, z, x, ...], from the direction in which the camera looks, in the middle of the picture.
+   *
+   * @param {number[]} points @param {number} aspect
+   */
   fit(points, aspect) {
     const { target, right, up } = this;
     target.set(0, 0, 0);
@@ -49,6 +59,7 @@ export class Camera {
         this.distance = Math.max(this.distance, (MARGIN * size) / HALF - ahead);
       }
       if (turn + 1 === CENTRINGS) break;
+      /** @param {number} axis */
       const middle = (axis) => {
         const slopes = places.map((place) => place[axis] / (this.distance + place[2]));
         return (this.distance * (Math.min(...slopes) + Math.max(...slopes))) / 2;
@@ -58,9 +69,10 @@ export class Camera {
     this.whole = this.distance;
   }
 
-  /** Points relative to the target, [right, up, forward]. */
+  /** Points relative to the target, [right, up, forward]. @param {number[]} points */
   _seen(points) {
     const point = new Vector3();
+    /** @type {number[][]} */
     const places = [];
     for (let k = 0; k < points.length; k += 3) {
       point.set(points[k], points[k + 1], points[k + 2]).sub(this.target);
@@ -69,17 +81,22 @@ export class Camera {
     return places;
   }
 
-  /** Size [mm] of a pixel at the target. */
+  /** Size [mm] of a pixel at the target. @param {number} height */
   pixel(height) {
     return (2 * this.distance * HALF) / height;
   }
 
+  /** @param {number} dx @param {number} dy @param {number} height */
   pan(dx, dy, height) {
     const size = this.pixel(height);
     this.target.addScaledVector(this.right, -dx * size).addScaledVector(this.up, dy * size);
   }
 
-  /** Zoom by a factor about a place [pixels] from the middle of the picture. */
+  /**
+   * Zoom by a factor about a place [pixels] from the middle of the picture.
+   *
+   * @param {number} factor @param {number} x @param {number} y @param {number} height
+   */
   zoom(factor, x, y, height) {
     const before = this.distance;
     this.distance = Math.min(Math.max(before / factor, NEAREST * this.whole), FARTHEST * this.whole);
@@ -87,7 +104,11 @@ export class Camera {
     this.pan(-share * x * (before / this.distance), -share * y * (before / this.distance), height);
   }
 
-  /** Set the camera of three.js for a picture of a size [pixels]; reach is the farthest thing drawn [mm]. */
+  /**
+   * Set the camera of three.js for a picture of a size [pixels]; reach is the farthest thing drawn [mm].
+   *
+   * @param {number} width @param {number} height @param {number} reach
+   */
   place(width, height, reach) {
     const { three, distance, target, forward, right, up } = this;
     three.aspect = width / height;
@@ -101,7 +122,11 @@ export class Camera {
     this._middle = [width / 2, height / 2];
   }
 
-  /** Write place in the picture and distance of a point to [x, y, depth]; the depth is negative behind the camera. */
+  /**
+   * Write place in the picture and distance of a point to [x, y, depth]; the depth is negative behind the camera.
+   *
+   * @param {number} x @param {number} y @param {number} z @param {number[]} result
+   */
   project(x, y, z, result) {
     const m = this._picture.elements;
     const depth = m[3] * x + m[7] * y + m[11] * z + m[15];

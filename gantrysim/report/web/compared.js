@@ -3,13 +3,28 @@
 import { decode, number } from "./data.js";
 
 export class ComparedData {
+  /** @type {number} */ rows;
+  /** @type {boolean} */ by_path;
+  /** @type {RunLooks[]} */ runs;
+  /** @type {SeriesContent[]} */ quantities;
+  /** @type {number} */ magnification;
+  /** @type {number | null} */ path_tolerance;
+  /** @type {number | null} */ width;
+  /** @type {number | null} */ width_tolerance;
+
+  /** @param {ComparedContent} content */
   constructor(content) {
     this.load(content);
   }
 
-  /** Take over the content of runs, in place of other ones'. */
+  /**
+   * Take over the content of runs, in place of other ones'.
+   *
+   * @param {ComparedContent} content
+   */
   load(content) {
     Object.assign(this, content);
+    /** @type {Columns} */
     this.column = {};
     for (const name of Object.keys(content.columns)) this.column[name] = decode(content.columns[name], content.rows);
     const nothing = new Float64Array(content.rows).fill(NaN);
@@ -21,6 +36,7 @@ export class ComparedData {
       }),
     );
     this.along = this.column.place;
+    /** @type {Stretch[]} */
     this.off = [];
     this.worst = content.worst ?? this._worst(); // of the first run, by its verdict
     this.requested = content.runs.map((run, k) => {
@@ -32,13 +48,16 @@ export class ComparedData {
   /** The row of the largest contour error of any run, among those where all have one if there are any. */
   _worst() {
     const errors = this.runs.map((run, k) => this.column[`contour.${k}`]);
+    /** @param {number} row */
     const largest = (row) => Math.max(...errors.map((values) => Math.abs(values[row]) || 0));
+    /** @param {number} row */
     const all = (row) => errors.every((values) => values[row] === values[row]);
     const rows = Array.from({ length: this.rows }, (value, row) => row);
     const common = rows.filter(all);
     return (common.length ? common : rows).reduce((worst, row) => (largest(row) > largest(worst) ? row : worst));
   }
 
+  /** @param {string} name */
   seriesOf(name) {
     return this.series.find((series) => series.name === name);
   }
@@ -47,23 +66,30 @@ export class ComparedData {
     return this.series.filter((series) => series.group === "error");
   }
 
-  /** A value as text with its unit; a dash where there is none. */
+  /** A value as text with its unit; a dash where there is none. @param {string} name @param {number} row */
   text(name, row) {
     const { decimals, unit } = this.seriesOf(name);
     const value = this.column[name][row];
     return isNaN(value) ? "–" : `${number(value, decimals)} ${unit}`;
   }
 
-  /** The second run's value less the first one's, as text. */
+  /**
+   * The second run's value less the first one's, as text.
+   *
+   * @param {SeriesContent} quantity
+   * @param {number} row
+   */
   differenceText({ name, decimals, unit }, row) {
     const value = this.column[`${name}.1`][row] - this.column[`${name}.0`][row];
     return isNaN(value) ? "–" : `${number(value, decimals)} ${unit}`;
   }
 
+  /** @param {number} row */
   placeText(row) {
     return this.by_path ? `s = ${this.along[row].toFixed(2)} mm` : `t = ${this.along[row].toFixed(3)} s`;
   }
 
+  /** @param {number} row */
   described(row) {
     const errors = this.runs.map(({ name }, k) => `${name} ${this.text(`contour.${k}`, row)}`);
     return `${this.placeText(row)}, contour error ${errors.join(", ")}`;

@@ -8,7 +8,11 @@ import { regionOf } from "./map.js";
 import { Overlay } from "./overlay.js";
 import { Strips } from "./strips.js";
 
-/** Strips in which each quantity has a line for every run. */
+/**
+ * Strips in which each quantity has a line for every run.
+ *
+ * @extends {Strips<ComparedData>}
+ */
 export class ComparedStrips extends Strips {
   _caption() {
     const scale = super._caption();
@@ -26,8 +30,7 @@ export class ComparedStrips extends Strips {
     return !this.data.by_path;
   }
 
-  set overTime(value) {} // not chosen here
-
+  /** @param {number} row */
   _described(row) {
     return this.data.described(row);
   }
@@ -41,18 +44,22 @@ export class ComparedStrips extends Strips {
     }));
   }
 
+  /** @param {string[]} names @param {number} row */
   _valueText(names, row) {
     return names.map((name) => this.data.text(name, row)).join("  |  ");
   }
 
+  /** @param {number} number @param {boolean} shown */
   setRun(number, shown) {
     for (const series of this.data.series) if (series.run === number) this.setShown(series.name, shown);
   }
 }
 
+/** @param {HTMLElement} place @param {ComparedContent} content */
 export function showComparison(place, content) {
   const data = new ComparedData(content);
   const cursor = new Cursor(data.rows, data.worst);
+  /** @param {string} name */
   const columns = (name) => data.runs.map((run, k) => data.column[`${name}.${k}`]);
   const region = regionOf(columns("x"), columns("y"), data.width);
   const strips = new ComparedStrips(data, cursor);

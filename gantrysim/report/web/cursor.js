@@ -11,21 +11,32 @@ export class Cursor {
     this.pinned = false;
     this.held = false; // by a film that plays: hovering does not move it then
     this.line = 0; // of the program, whose stretches are highlighted; 0 for none
+    /** @type {((row: number, source: unknown) => void)[]} */
     this._moved = [];
+    /** @type {((line: number) => void)[]} */
     this._chosen = [];
     this._frame = 0;
   }
 
-  /** Call a function after a move, once a picture at most; source is what moved it. */
+  /**
+   * Call a function after a move, once a picture at most; source is what moved it.
+   *
+   * @param {(row: number, source: unknown) => void} listener
+   */
   onMove(listener) {
     this._moved.push(listener);
   }
 
-  /** Call a function after a line of the program is chosen. */
+  /**
+   * Call a function after a line of the program is chosen.
+   *
+   * @param {(line: number) => void} listener
+   */
   onChoice(listener) {
     this._chosen.push(listener);
   }
 
+  /** @param {number} row @param {unknown} source */
   set(row, source) {
     this.row = Math.min(Math.max(Math.round(row), 0), this.rows - 1);
     this.source = source;
@@ -37,22 +48,29 @@ export class Cursor {
     }
   }
 
-  /** Take over another run's rows, and stand at one of them. */
+  /** Take over another run's rows, and stand at one of them. @param {number} rows @param {number} row */
   resize(rows, row) {
     this.rows = rows;
     this.set(row, "data");
   }
 
+  /** @param {number} row @param {unknown} source */
   hover(row, source) {
     if (!this.pinned && !this.held) this.set(row, source);
   }
 
-  /** Pin the cursor to a row; a click on the row where it is pinned releases it. */
+  /**
+   * Pin the cursor to a row; a click on the row where it is pinned releases it.
+   *
+   * @param {number} row
+   * @param {unknown} source
+   */
   pin(row, source) {
     this.pinned = !(this.pinned && row === this.row);
     this.set(row, source);
   }
 
+  /** @param {number} line */
   choose(line) {
     this.line = this.line === line ? 0 : line;
     for (const listener of this._chosen) listener(this.line);
@@ -64,9 +82,14 @@ export class Cursor {
     this.set(this.row, "key");
   }
 
-  /** Move the cursor by a key; returns whether the key does so. */
+  /**
+   * Move the cursor by a key; returns whether the key does so.
+   *
+   * @param {KeyboardEvent} event
+   */
   key(event) {
     const step = event.shiftKey ? STRIDE : STEP;
+    /** @type {Record<string, number>} */
     const places = {
       ArrowLeft: this.row - step,
       ArrowRight: this.row + step,
@@ -84,13 +107,21 @@ export class Cursor {
   }
 }
 
-/** Make an element a slider that moves the cursor by keys, and that says where the cursor is. */
+/**
+ * Make an element a slider that moves the cursor by keys, and that says where the cursor is.
+ *
+ * @param {HTMLElement} element
+ * @param {Cursor} cursor
+ * @param {string} label
+ * @param {(row: number) => string} textAt
+ */
 export function asSlider(element, cursor, label, textAt) {
   element.tabIndex = 0;
   element.setAttribute("role", "slider");
   element.setAttribute("aria-label", label);
   element.setAttribute("aria-valuemin", "0");
   element.addEventListener("keydown", (event) => cursor.key(event));
+  /** @param {number} row */
   const tell = (row) => {
     element.setAttribute("aria-valuemax", String(cursor.rows - 1));
     element.setAttribute("aria-valuenow", String(row));

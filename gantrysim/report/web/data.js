@@ -3,6 +3,7 @@
 const MISSING = 65535;
 const JUMP = -128;
 
+/** @param {string | Uint8Array} text */
 export function bytesOf(text) {
   if (text instanceof Uint8Array) return text;
   const binary = atob(text);
@@ -11,6 +12,13 @@ export function bytesOf(text) {
   return bytes;
 }
 
+/** A text that is compressed by gzip, in base64. @param {string} text */
+export async function expanded(text) {
+  const stream = new Blob([/** @type {BlobPart} */ (bytesOf(text))]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).text();
+}
+
+/** @param {string | Uint8Array} text */
 function wordsOf(text) {
   const bytes = bytesOf(text);
   const words = new Uint16Array(bytes.length / 2);
@@ -18,6 +26,10 @@ function wordsOf(text) {
   return words;
 }
 
+/**
+ * @param {ColumnContent} column
+ * @param {number} rows
+ */
 function codesOf(column, rows) {
   if (column.kind === "u16") return wordsOf(column.data);
   const codes = new Uint16Array(rows);
@@ -33,7 +45,12 @@ function codesOf(column, rows) {
   return codes;
 }
 
-/** Return the values of a column, NaN where there is none. */
+/**
+ * Return the values of a column, NaN where there is none.
+ *
+ * @param {ColumnContent} column
+ * @param {number} rows
+ */
 export function decode(column, rows) {
   const values = new Float64Array(rows);
   if (column.kind === "ascending") {
@@ -55,7 +72,12 @@ export function decode(column, rows) {
   return values;
 }
 
-/** The smallest and largest known value between two rows, [0, 0] where there is none. */
+/**
+ * The smallest and largest known value between two rows, [0, 0] where there is none.
+ *
+ * @param {ArrayLike<number>} values
+ * @returns {[number, number]}
+ */
 export function extent(values, first = 0, last = values.length - 1) {
   let low = Infinity;
   let high = -Infinity;
@@ -66,8 +88,14 @@ export function extent(values, first = 0, last = values.length - 1) {
   return low <= high ? [low, high] : [0, 0];
 }
 
-/** Stretches of rows, [first, last], in which a condition holds. */
+/**
+ * Stretches of rows, [first, last], in which a condition holds.
+ *
+ * @param {number} rows
+ * @param {(row: number) => unknown} holds
+ */
 export function stretches(rows, holds) {
+  /** @type {Stretch[]} */
   const found = [];
   for (let k = 0; k < rows; k++) {
     if (!holds(k)) continue;
@@ -78,7 +106,7 @@ export function stretches(rows, holds) {
   return found;
 }
 
-/** Values for an axis: never falling, and spread evenly over rows that have none. */
+/** Values for an axis: never falling, and spread evenly over rows that have none. @param {Values} values */
 function ascending(values) {
   const known = values.findIndex((value) => !isNaN(value));
   const result = new Float64Array(values.length);
@@ -97,16 +125,39 @@ function ascending(values) {
 
 /** A run: its columns by name, with time [s], and what describes them. */
 export class RunData {
+  /** @type {number} */ rows;
+  /** @type {number} */ ticks;
+  /** @type {number} */ start;
+  /** @type {number} */ period;
+  /** @type {SeriesContent[]} */ series;
+  /** @type {[number, number, number][]} */ corners;
+  /** @type {Record<string, string> | null} */ program;
+  /** @type {number} */ magnification;
+  /** @type {boolean} */ passes;
+  /** @type {string} */ shown;
+  /** @type {number | null} */ width;
+  /** @type {number} */ path_tolerance;
+  /** @type {number} */ width_tolerance;
+  /** @type {SpaceContent | null} */ space;
+  /** @type {Solid[][] | null} */ solids;
+
+  /** @param {RunContent} content */
   constructor(content) {
     this.load(content);
   }
 
-  /** Take over the content of a run, in place of another one's. */
+  /**
+   * Take over the content of a run, in place of another one's.
+   *
+   * @param {RunContent} content
+   */
   load(content) {
     Object.assign(this, content);
     this.dots = content.dots || [];
+    /** @type {Columns} */
     this.column = {};
     for (const name of Object.keys(content.columns)) this.column[name] = decode(content.columns[name], content.rows);
+    this.column.z ??= new Float64Array(content.rows); // of a flat run
     const { tick, s, x, y, dx, dy, contour } = this.column;
     const rows = this.rows;
     this.time = tick.map((k) => content.start + k * content.period);
@@ -123,9 +174,13 @@ export class RunData {
   /**
    * The requested path as a line, NaN where it is interrupted: through the feet of the nozzle, and through the corners
    * between two of them, whose tips the nozzle may not reach.
+   *
+   * @param {Values} x
+   * @param {Values} y
    */
   _requested(x, y) {
     const { s } = this.column;
+    /** @type {{ x: number[], y: number[] }} */
     const line = { x: [], y: [] };
     let next = 0;
     for (let row = 0; row < this.rows; row++) {
@@ -141,6 +196,7 @@ export class RunData {
     return line;
   }
 
+  /** @param {string} name */
   seriesOf(name) {
     return this.series.find((series) => series.name === name);
   }
@@ -149,12 +205,12 @@ export class RunData {
     return this.series.filter((series) => series.group === "error");
   }
 
-  /** The row nearest to a time [s]. */
+  /** The row nearest to a time [s]. @param {number} time */
   rowAt(time) {
     return nearest(this.time, time);
   }
 
-  /** A value as text with its unit; a dash where there is none. */
+  /** A value as text with its unit; a dash where there is none. @param {string} name @param {number} row */
   text(name, row) {
     const { decimals, unit } = this.seriesOf(name);
     const value = this.column[name][row];
@@ -162,19 +218,24 @@ export class RunData {
   }
 }
 
-/** A number as text, with a minus sign and no minus before a zero. */
+/** A number as text, with a minus sign and no minus before a zero. @param {number} value @param {number} decimals */
 export function number(value, decimals) {
   const text = value.toFixed(decimals);
   return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
 }
 
-/** A size in three digits, or as many as it has before its point. */
+/** A size in three digits, or as many as it has before its point. @param {number} size */
 export function digits(size) {
   const text = size.toPrecision(3);
   return text.includes("e") ? number(size, 0) : text;
 }
 
-/** Index of the value nearest to one in ascending values. */
+/**
+ * Index of the value nearest to one in ascending values.
+ *
+ * @param {Values} values
+ * @param {number} value
+ */
 export function nearest(values, value) {
   let low = 0;
   let high = values.length - 1;

@@ -1,14 +1,29 @@
 // Elements of the page in a line each.
 
-/** Return a new element with attributes, and children that are elements or text. */
+/**
+ * Return a new element with attributes, and children that are elements or text.
+ *
+ * @template {keyof HTMLElementTagNameMap} Tag
+ * @param {Tag} tag
+ * @param {Attributes} attributes
+ * @param {(Node | string)[]} children
+ * @returns {HTMLElementTagNameMap[Tag]}
+ */
 export function element(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, String(value));
   made.append(...children);
   return made;
 }
 
-/** Return a button that is on or off, and calls a function with its new state. */
+/**
+ * Return a button that is on or off, and calls a function with its new state.
+ *
+ * @param {string} label
+ * @param {boolean} pressed
+ * @param {(on: boolean) => void} changed
+ * @param {Attributes} attributes
+ */
 export function toggle(label, pressed, changed, attributes = {}) {
   const button = element("button", { type: "button", "aria-pressed": String(pressed), ...attributes }, label);
   button.addEventListener("click", () => {
@@ -19,7 +34,12 @@ export function toggle(label, pressed, changed, attributes = {}) {
   return button;
 }
 
-/** A piece of a line as in the strips, for a legend. */
+/**
+ * A piece of a line as in the strips, for a legend.
+ *
+ * @param {string} colour
+ * @param {number[]} dash
+ */
 export function sample(colour, dash) {
   const template = document.createElement("template");
   const stroke = `stroke="${colour}" stroke-width="3" stroke-dasharray="${dash.join(" ")}"`;
@@ -27,7 +47,15 @@ export function sample(colour, dash) {
   return template.content.firstChild;
 }
 
-/** Buttons of which one is pressed: [label, value] each; calls a function with the value that is chosen. */
+/**
+ * Buttons of which one is pressed: [label, value] each; calls a function with the value that is chosen.
+ *
+ * @template Value
+ * @param {string} name
+ * @param {[string, Value][]} entries
+ * @param {Value} value
+ * @param {(value: Value) => void} changed
+ */
 export function choose(name, entries, value, changed) {
   const buttons = entries.map(([label, own]) => {
     const button = element("button", { type: "button", "aria-pressed": String(own === value) }, label);

@@ -7,11 +7,12 @@ const CORNERS = 24; // of a ring
 const EDGE = 0.62; // brightness at the foot of a cap; its top has the colour of the scale
 
 export class Dots {
-  /** @param frame {x, y, z} of the middle, from which positions are counted [mm] */
+  /** @param {RunData} data @param {Frame} frame the middle, from which positions are counted [mm] @param {RunData} data */
   constructor(data, frame) {
     this.dots = data.dots;
     const size = RINGS * CORNERS;
     const places = new Float32Array(3 * size * this.dots.length);
+    /** @type {number[]} */
     const faces = [];
     let next = 0;
     this.dots.forEach((dot, number) => {
@@ -39,7 +40,7 @@ export class Dots {
     this.object = new Mesh(this.geometry, new MeshBasicMaterial({ vertexColors: true, side: DoubleSide }));
   }
 
-  /** Colour the dots by a function from a row to [red, green, blue]. */
+  /** Colour the dots by a function from a row to [red, green, blue]. @param {(row: number) => Rgb} colourAt */
   paint(colourAt) {
     const { array } = this.colours;
     let place = 0;

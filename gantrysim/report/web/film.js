@@ -6,6 +6,7 @@ const CLOSE = 0.5 * FRAME;
 const CARD = 1; // how long the end card is shown [s] of the film
 
 export class FilmLink {
+  /** @param {RunData} data @param {Cursor} cursor @param {HTMLVideoElement} video */
   constructor(video, data, cursor) {
     this.video = video;
     this.data = data;
@@ -57,7 +58,7 @@ export class FilmLink {
     return Math.abs(speed / whole - 1) < (2 * FRAME) / this.end ? whole : speed;
   }
 
-  /** The time at which the film shows the frame nearest to a row: the middle of that frame. */
+  /** The time at which the film shows the frame nearest to a row: the middle of that frame. @param {number} row */
   _time(row) {
     const frame = Math.round((this.data.time[row] - this.data.start) / this.speed / FRAME);
     return Math.min((frame + 0.5) * FRAME, this.end - 0.5 * FRAME);
@@ -74,7 +75,7 @@ export class FilmLink {
     return this.sent === undefined || Math.abs(this.video.currentTime - this.sent) > CLOSE;
   }
 
-  /** Go to a time of the film; while it is on its way only the last wish counts. */
+  /** Go to a time of the film; while it is on its way only the last wish counts. @param {number} time */
   _seek(time) {
     this.wanted = time;
     if (this.video.seeking) return;

@@ -7,7 +7,7 @@ export function fold() {
     const details = target && (target.closest("details") || target.querySelector(":scope > details"));
     if (details) details.open = true;
   };
-  for (const details of document.querySelectorAll("section > details")) details.open = false;
+  for (const details of /** @type {NodeListOf<HTMLDetailsElement>} */ (document.querySelectorAll("section > details"))) details.open = false;
   reveal();
   window.addEventListener("hashchange", reveal);
   for (const link of document.querySelectorAll("nav a")) link.addEventListener("click", () => setTimeout(reveal));

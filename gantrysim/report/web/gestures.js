@@ -9,9 +9,13 @@ const WHEEL = 0.0015; // of the logarithm of the zoom, a unit of the wheel
  * hover(x, y); click(x, y); zoom(factor, x, y); pan(dx, dy); box(x0, y0, x1, y1) at the end of a drag, dragging(...) on
  * its way and without arguments when it is over; reset(). The wheel zooms in a view that has the focus, or with Ctrl: else
  * nobody could scroll past it.
+ *
+ * @param {HTMLElement} surface @param {HTMLElement} focus @param {Gestures} handlers
  */
 export function gestures(surface, focus, handlers) {
+  /** @type {{ x: number, y: number, last: number[], pan: boolean, moved: boolean, touch: boolean } | null} */
   let press = null;
+  /** @type {(event: MouseEvent) => [number, number]} */
   const place = (event) => {
     const box = surface.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
@@ -35,10 +39,12 @@ export function gestures(surface, focus, handlers) {
     else handlers.dragging(press.x, press.y, x, y);
     press.last = [x, y];
   });
+  /** @param {MouseEvent} event @param {boolean} whole */
   const ended = (event, whole) => {
     if (!press) return;
     const [x, y] = place(event);
     const { moved, pan, touch } = press;
+    /** @type {[number, number]} */
     const from = [press.x, press.y];
     press = null;
     handlers.dragging();

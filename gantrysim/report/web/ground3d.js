@@ -6,12 +6,13 @@ const LINES = 5; // of the grid, about
 const BEYOND = 0.04; // of its extent, from the bead to the edge of the grid
 const HEIGHTS = 4; // labels of the scale of heights, about
 
-/** A round step, 1, 2 or 5 times a power of ten, not below a size. */
+/** A round step, 1, 2 or 5 times a power of ten, not below a size. @param {number} size */
 export function roundStep(size) {
   const decade = 10 ** Math.floor(Math.log10(size));
   return [1, 2, 5, 10].map((digit) => digit * decade).find((step) => step >= size * 0.999);
 }
 
+/** @param {number} low @param {number} high @param {number} step */
 export function steps(low, high, step) {
   const first = Math.ceil(low / step - 1e-6);
   const count = Math.floor(high / step + 1e-6) - first;
@@ -20,11 +21,15 @@ export function steps(low, high, step) {
 
 /** A square of the ground a little larger than the bead, with lines at round places. */
 export class Ground {
-  /** @param box of the bead: x, y and z as [low, high] [mm]; @param frame {x, y, z} of its middle */
+  /**
+   * @param {Box3} box of the bead [mm] @param {Frame} frame its middle @param {Box3} box
+   */
   constructor(box, frame) {
     const wide = Math.max(box.x[1] - box.x[0], box.y[1] - box.y[0]);
     this.step = roundStep(wide / LINES);
-    [this.z, this.top] = box.z;
+    this.z = box.z[0];
+    this.top = box.z[1];
+    /** @param {[number, number]} range @returns {[number, number]} */
     const around = ([low, high]) => [low - BEYOND * wide, high + BEYOND * wide];
     this.x = around(box.x);
     this.y = around(box.y);
@@ -39,6 +44,7 @@ export class Ground {
     this.object = new LineSegments(geometry, this.material);
   }
 
+  /** @param {string} colour */
   paint(colour) {
     this.material.color.set(colour);
   }

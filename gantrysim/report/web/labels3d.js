@@ -11,14 +11,17 @@ const CROWDED = 24; // distance below which a label would run into the one befor
 const STEEP = 75; // elevation from which on heights cannot be read [deg]
 const CLEAR = 0.4; // of the step of the heights, from the ground to their first label
 
+/** @param {number} step */
 const decimalsOf = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
 
 export class Labels {
+  /** @param {View} view */
   constructor(view) {
     this.view = view;
     this.place = [0, 0, 0];
   }
 
+  /** @param {Context} context @param {Theme} colours */
   draw(context, colours) {
     const { width, height } = this.view;
     context.clearRect(0, 0, width, height);
@@ -34,12 +37,16 @@ export class Labels {
     this._cursor();
   }
 
-  /** Place in the picture of a point of the work [mm]. */
+  /** Place in the picture of a point of the work [mm]. @param {number} x @param {number} y @param {number} z */
   at(x, y, z) {
     return [...this.view.project(x, y, z, this.place)];
   }
 
-  /** Write a text at the first of some places where there is room, see `Texts`. */
+  /**
+   * Write a text at the first of some places where there is room, see `Texts`.
+   *
+   * @param {string} text @param {TextPlace[]} places @param {TextLooks} looks
+   */
   _text(text, places, looks = {}) {
     const { colours } = this;
     this.texts.write(text, places, { fillStyle: colours.soft, halo: colours.paper, ...looks });
@@ -49,14 +56,18 @@ export class Labels {
   _ground() {
     const { ground } = this.view;
     const decimals = decimalsOf(ground.step);
+    /** @param {number} x @param {number} y */
     const depth = (x, y) => this.at(x, y, ground.z)[2];
     const [x0, x1] = ground.x;
     const [y0, y1] = ground.y;
+    /** @type {[number, number]} */
     const middle = [(x0 + x1) / 2, (y0 + y1) / 2];
     const y = depth(middle[0], y0) < depth(middle[0], y1) ? y0 : y1;
     const x = depth(x0, middle[1]) < depth(x1, middle[1]) ? x0 : x1;
     const beyond = this.at(...middle, ground.z);
+    /** @type {number[] | null} */
     let last = null;
+    /** @param {string} text @param {number[]} place */
     const label = (text, place) => {
       if (place[2] <= 0 || (last && Math.hypot(place[0] - last[0], place[1] - last[1]) < CROWDED)) return;
       last = place;
@@ -105,8 +116,10 @@ export class Labels {
   _triad() {
     const { context, colours } = this;
     const { camera, height } = this.view;
+    /** @type {[number, number]} */
     const origin = [CORNER, height - CORNER];
     ["x", "y", "z"].forEach((name, axis) => {
+      /** @param {import("three").Vector3} vector */
       const parts = (vector) => vector.toArray()[axis];
       const dx = ARROW * parts(camera.right);
       const dy = -ARROW * parts(camera.up);
@@ -118,6 +131,7 @@ export class Labels {
       const long = Math.hypot(dx, dy);
       if (long < 4) return; // it points at the eye
       const share = 1 + 9 / long;
+      /** @type {TextPlace} */
       const end = [origin[0] + share * dx, origin[1] + share * dy, "center"];
       this._text(name, [end], { fillStyle: colours.ink });
     });
@@ -149,8 +163,11 @@ export class Labels {
     const { data } = this.view;
     const glue = stretches(data.rows, (row) => data.column.dispense[row]);
     if (!glue.length) return;
+    /** @type {[string, TextPlace[], TextLooks][]} */
     const marks = [];
-    for (const [row, name] of [[glue[0][0], "start"], [glue[glue.length - 1][1], "end"]]) {
+    /** @type {[number, string][]} */
+    const ends = [[glue[0][0], "start"], [glue[glue.length - 1][1], "end"]];
+    for (const [row, name] of ends) {
       const [px, py] = this.view.projectRow(row, this.place);
       context.beginPath();
       context.arc(px, py, 3.5, 0, 2 * Math.PI);
@@ -167,8 +184,11 @@ export class Labels {
     const ink = data.passes ? colours.ink : colours.alarm;
     Object.assign(context, { strokeStyle: ink, lineWidth: 2 });
     context.stroke();
+    /** @type {TextPlace[]} */
     const places = [[px + 9, py - 11, "left"], [px - 9, py - 11, "right"], [px, py - 24, "center"]];
     this._text("worst", places, { fillStyle: ink, always: true });
+    // of the mark, and of the cursor that begins there
+    this.texts.keep([px - 8, py - 14, px + 8, py + 8]);
     for (const mark of marks) this._text(...mark);
   }
 
@@ -188,7 +208,9 @@ export class Labels {
     context.setLineDash([4, 3]);
     context.stroke();
     context.setLineDash([]);
-    for (const [size, colour] of [[5, colours.paper], [2.5, colours.ink]]) {
+    /** @type {[number, string][]} */
+    const rings = [[5, colours.paper], [2.5, colours.ink]];
+    for (const [size, colour] of rings) {
       context.beginPath();
       context.arc(px, py, 7, 0, 2 * Math.PI);
       Object.assign(context, { strokeStyle: colour, lineWidth: size });

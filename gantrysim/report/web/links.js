@@ -5,28 +5,36 @@ import { number } from "./data.js";
 
 const NUMBER = "[−-]?[\\d,]*\\.?\\d+";
 const PATTERN = new RegExp(
-  `t = (${NUMBER}) s|x = (${NUMBER}), y = (${NUMBER})(?:, z = (${NUMBER}))? mm|\\bline (\\d+)\\b`,
+  // a space may be one at which no line ends
+  `t = (${NUMBER}) s|x = (${NUMBER}), y = (${NUMBER})(?:, z = (${NUMBER}))? mm|\\bline (\\d+)\\b`.replaceAll(" ", "\\s"),
   "g",
 );
 const SKIPPED = "script, style, pre, svg, h1, h2, nav, a, button, .viewer, .stage";
 const TIME_HEAD = /^t \[s\]$/;
 
+/** @param {string} text */
 const valueOf = (text) => parseFloat(text.replace("−", "-").replace(/,/g, ""));
 
 export class Links {
-  /** @param show called after the cursor has moved */
+  /**
+   * @param show called after the cursor has moved @param {RunData} data @param {Cursor} cursor
+   * @param {() => void} show
+   */
   constructor(data, cursor, show) {
-    Object.assign(this, { data, cursor, show });
+    this.data = data;
+    this.cursor = cursor;
+    this.show = show;
     const main = document.querySelector("main");
     const walker = document.createTreeWalker(main, NodeFilter.SHOW_TEXT);
     const texts = [];
     for (let node = walker.nextNode(); node; node = walker.nextNode()) {
       if (!node.parentElement.closest(SKIPPED)) texts.push(node);
     }
-    for (const node of texts) this._linked(node);
+    for (const node of texts) this._linked(/** @type {Text} */ (node));
     for (const table of main.querySelectorAll("table")) this._times(table);
   }
 
+  /** @param {Text} node */
   _linked(node) {
     const parts = [];
     let done = 0;
@@ -39,7 +47,7 @@ export class Links {
     if (parts.length) node.replaceWith(...parts, node.data.slice(done));
   }
 
-  /** The cells of a table's column of times. */
+  /** The cells of a table's column of times. @param {HTMLTableElement} table */
   _times(table) {
     const heads = [...table.querySelectorAll("thead th")];
     const column = heads.findIndex((head) => TIME_HEAD.test(head.textContent.trim()));
@@ -51,7 +59,11 @@ export class Links {
     }
   }
 
-  /** The row of the run that a time, a place or a line names; null for none. */
+  /**
+   * The row of the run that a time, a place or a line names; null for none.
+   *
+   * @param {RegExpMatchArray} match
+   */
   _row([, time, x, y, z, line]) {
     const { data } = this;
     if (time !== undefined) return data.rowAt(valueOf(time));
@@ -73,6 +85,7 @@ export class Links {
     return nearest;
   }
 
+  /** @param {string} text @param {number} row */
   _link(text, row) {
     const title = `move the cursor to t = ${number(this.data.time[row], 3)} s`;
     const link = element("button", { type: "button", class: "moment", title }, text);

@@ -3,6 +3,7 @@
 import { element } from "./dom.js";
 
 export class Listing {
+  /** @param {RunData} data @param {Cursor} cursor */
   constructor(data, cursor) {
     this.data = data;
     this.cursor = cursor;
@@ -22,6 +23,7 @@ export class Listing {
     cursor.onChoice((line) => this._chosen(line));
   }
 
+  /** @param {number} number @param {string} text */
   _line(number, text) {
     const item = element("li", { value: number });
     if (!this.rows.has(number)) {
@@ -43,13 +45,14 @@ export class Listing {
     return item;
   }
 
-  /** Let only one line be reached by the tab key, the others by arrows. */
+  /** Let only one line be reached by the tab key, the others by arrows. @param {HTMLButtonElement} button */
   _focusable(button) {
     if (this.reached) this.reached.tabIndex = -1;
     this.reached = button;
     button.tabIndex = 0;
   }
 
+  /** @param {KeyboardEvent} event */
   _key(event) {
     const step = { ArrowUp: -1, ArrowDown: 1 }[event.key];
     if (!step) return;
@@ -61,6 +64,7 @@ export class Listing {
     next.focus();
   }
 
+  /** @param {number} row */
   _mark(row) {
     const button = this.buttons.get(this.data.column.line[row]);
     if (button === this.current) return;
@@ -74,6 +78,7 @@ export class Listing {
     if (!inside) this.list.scrollTop = offsetTop - clientHeight / 2; // the list alone, never the page
   }
 
+  /** @param {number} line */
   _chosen(line) {
     for (const [number, button] of this.buttons) button.setAttribute("aria-pressed", String(number === line));
   }

@@ -27,6 +27,7 @@ const WIDE = 700; // picture from which on edges have this opacity [pixels]
 const NEEDLE = 0.75; // opacity of the needle, which is small
 
 /** A solid's geometry: kind, three sizes, position, quaternion w, x, y, z and whether it is the needle, see gantrysim/report/space_data.py. */
+/** @param {Solid} solid */
 function shapeOf([kind, a, b, c]) {
   if (kind === "box") return new BoxGeometry(2 * a, 2 * b, 2 * c);
   if (kind === "ball") return new SphereGeometry(a, SIDES, SIDES / 2);
@@ -34,6 +35,7 @@ function shapeOf([kind, a, b, c]) {
   return shape.rotateX(Math.PI / 2); // from along y to along z
 }
 
+/** @param {BufferGeometry[]} geometries */
 function joined(geometries) {
   const arrays = geometries.map((geometry) => geometry.attributes.position.array);
   const all = new Float32Array(arrays.reduce((sum, array) => sum + array.length, 0));
@@ -45,9 +47,14 @@ function joined(geometries) {
   return new BufferGeometry().setAttribute("position", new BufferAttribute(all, 3));
 }
 
-/** The value at a place between samples by Hermite's cubic, whose slopes are those between the neighbours. */
+/**
+ * The value at a place between samples by Hermite's cubic, whose slopes are those between the neighbours.
+ *
+ * @param {ArrayLike<number>} ticks @param {ArrayLike<number>} values @param {number} k @param {number} tick
+ */
 function cubic(ticks, values, k, tick) {
   const last = values.length - 1;
+  /** @param {number} i */
   const slope = (i) => {
     const low = Math.max(i - 1, 0);
     const high = Math.min(i + 1, last);
@@ -64,6 +71,7 @@ function cubic(ticks, values, k, tick) {
 }
 
 export class MachineOutline {
+  /** @param {RunData} data @param {Frame} frame */
   constructor(data, frame) {
     const { parts, poses } = data.space;
     const last = data.ticks - 1;
@@ -73,20 +81,22 @@ export class MachineOutline {
     this.faces = new MeshBasicMaterial({ transparent: true, opacity: FACE, depthWrite: false });
     this.edges = new LineBasicMaterial({ transparent: true, opacity: EDGE, depthWrite: false });
     this.needle = new MeshBasicMaterial({ transparent: true, opacity: NEEDLE });
-    this.parts = parts.map((part) => this._part(part, poses));
+    this.parts = parts.map((part, k) => this._part(part, data.solids[k], poses));
   }
 
-  _part({ solids, pose }, poses) {
+  /** @param {PartContent} part @param {Solid[]} solids @param {number} poses */
+  _part({ pose }, solids, poses) {
     const shapes = solids.map((solid) => {
-      const [w, x, y, z] = solid.slice(7, 11);
+      const [, , , , px, py, pz, w, x, y, z] = solid;
       const matrix = new Matrix4().compose(
-        new Vector3(...solid.slice(4, 7)),
+        new Vector3(px, py, pz),
         new Quaternion(x, y, z, w).normalize(),
         new Vector3(1, 1, 1),
       );
       return shapeOf(solid).applyMatrix4(matrix);
     });
     const group = new Group();
+    /** @param {boolean} needle */
     const faces = (needle) => joined(shapes.filter((_, k) => solids[k][11] === needle).map((shape) => shape.toNonIndexed()));
     group.add(new Mesh(faces(false), this.faces), new Mesh(faces(true), this.needle));
     group.add(new LineSegments(joined(shapes.map((shape) => new EdgesGeometry(shape, SHARP))), this.edges));
@@ -95,7 +105,7 @@ export class MachineOutline {
     return { group, columns };
   }
 
-  /** Pose the machine at a tick of the run. */
+  /** Pose the machine at a tick of the run. @param {number} tick */
   pose(tick) {
     const { ticks, frame } = this;
     let low = 0;
@@ -106,6 +116,7 @@ export class MachineOutline {
       else high = middle;
     }
     for (const { group, columns } of this.parts) {
+      /** @param {number | Values} column */
       const value = (column) => (typeof column === "number" ? column : high ? cubic(ticks, column, low, tick) : column[0]);
       const [x, y, z, qw, qx, qy, qz] = columns.map(value);
       group.position.set(x - frame.x, y - frame.y, z - frame.z);
@@ -113,11 +124,12 @@ export class MachineOutline {
     }
   }
 
-  /** Draw fainter lines in a narrow picture [pixels], where they lie closer together. */
+  /** Draw fainter lines in a narrow picture [pixels], where they lie closer together. @param {number} width */
   fade(width) {
     this.edges.opacity = EDGE * Math.min(width / WIDE, 1);
   }
 
+  /** @param {string} colour @param {string} needle */
   paint(colour, needle) {
     this.faces.color.set(colour);
     this.edges.color.set(colour);

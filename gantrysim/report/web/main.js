@@ -3,7 +3,7 @@
 import { BeadMap } from "./beadmap.js";
 import { showComparison } from "./comparison.js";
 import { Cursor } from "./cursor.js";
-import { RunData } from "./data.js";
+import { RunData, expanded } from "./data.js";
 import { element } from "./dom.js";
 import { FilmLink } from "./film.js";
 import { fold, markScrolling } from "./folds.js";
@@ -21,6 +21,7 @@ const HINT =
   "Hover moves the cursor, a click pins it, ← → step (with Shift 50 samples), Home and End. Drag or wheel zooms, " +
   "Shift-drag pans, a double click shows everything. The wheel zooms in the view that was clicked last.";
 
+/** @param {HTMLElement} place @param {RunContent} content */
 function showRun(place, content) {
   const data = new RunData(content);
   const cursor = new Cursor(data.rows, data.worst);
@@ -50,9 +51,10 @@ function showRun(place, content) {
   return cursor;
 }
 
-function start() {
-  const place = document.querySelector(".viewer");
-  const content = JSON.parse(document.getElementById("viewer-data").textContent);
+/** Where a browser is too old to expand its data, the page stays as it is without scripts. */
+async function start() {
+  const place = /** @type {HTMLElement} */ (document.querySelector(".viewer"));
+  const content = JSON.parse(await expanded(document.getElementById("viewer-data").textContent));
   document.documentElement.classList.add("live");
   const cursor = content.runs ? showComparison(place, content) : showRun(place, content);
   place.append(element("p", { class: "hint" }, HINT));
@@ -60,7 +62,7 @@ function start() {
   copyButtons();
   fold();
   markScrolling();
+  performance.mark("viewer-ready");
 }
 
 start();
-performance.mark("viewer-ready");

@@ -17,8 +17,14 @@ const GRID = 90; // least distance of the lines of the grid [pixels]
 
 /** What the maps of a page show: a centre and a height [mm], shared, so that all show the same part. */
 export class Region {
+  /** @type {number} */ x;
+  /** @type {number} */ y;
+  /** @type {number} */ height;
+
+  /** @param {{ x0: number, x1: number, y0: number, y1: number }} box */
   constructor(box) {
     this.box = box;
+    /** @type {(() => void)[]} */
     this._listeners = [];
     this.whole = true;
   }
@@ -28,11 +34,18 @@ export class Region {
     return (this.box.x1 - this.box.x0) / (this.box.y1 - this.box.y0);
   }
 
+  /** @param {() => void} listener */
   onChange(listener) {
     this._listeners.push(listener);
   }
 
-  /** Show the part around a point; without one the whole. */
+  /**
+   * Show the part around a point; without one the whole.
+   *
+   * @param {number} [x]
+   * @param {number} [y]
+   * @param {number} [height]
+   */
   show(x, y, height) {
     this.whole = x === undefined;
     Object.assign(this, { x, y, height: height && Math.max(height, SMALLEST) });
@@ -40,8 +53,15 @@ export class Region {
   }
 }
 
-/** The part of the work that columns of x and y [mm] cover, with a margin, at least as wide as a bead. */
+/**
+ * The part of the work that columns of x and y [mm] cover, with a margin, at least as wide as a bead.
+ *
+ * @param {ArrayLike<number>[]} xs
+ * @param {ArrayLike<number>[]} ys
+ * @param {number | null} width
+ */
 export function regionOf(xs, ys, width) {
+  /** @param {ArrayLike<number>[]} columns */
   const box = (columns) => {
     const extents = columns.map((values) => extent(values));
     return [Math.min(...extents.map(([low]) => low)), Math.max(...extents.map(([, high]) => high))];
@@ -57,13 +77,25 @@ export function regionOf(xs, ys, width) {
  * `describe(row)` is the text alternative at a row. `marks(row)` may give further points with a colour.
  */
 export class PlanMap {
+  /** @type {number} */ scale;
+  /** @type {number} */ x;
+  /** @type {number} */ y;
+
+  /** @param {MapOptions} options */
   constructor(options) {
-    Object.assign(this, options); // name, data, cursor, region, points, draw, describe
+    const { name, data, cursor, region, points, draw, describe, marks } = options;
+    this.data = data;
+    this.cursor = cursor;
+    this.region = region;
+    this.points = points;
+    this.draw = draw;
+    this.describe = describe;
+    this.marks = marks;
     this.base = element("canvas", { "aria-hidden": "true" });
     this.top = element("canvas", { "aria-hidden": "true" });
     this.surface = element("div", { class: "surface" }, this.base, this.top);
-    this.surface.style.aspectRatio = Math.min(Math.max(this.region.aspect, SQUAREST), WIDEST);
-    asSlider(this.surface, this.cursor, this.name, this.describe);
+    this.surface.style.aspectRatio = String(Math.min(Math.max(this.region.aspect, SQUAREST), WIDEST));
+    asSlider(this.surface, cursor, name, describe);
     this.cursor.onMove(() => this._mark());
     this.cursor.onChoice(() => this.redraw());
     this.region.onChange(() => this.redraw());
@@ -80,11 +112,12 @@ export class PlanMap {
     });
   }
 
-  /** Position on the map of a point of the work [pixels]. */
+  /** Position on the map of a point of the work [pixels]. @param {number} x */
   px(x) {
     return this.width / 2 + (x - this.x) * this.scale;
   }
 
+  /** @param {number} y */
   py(y) {
     return this.height / 2 - (y - this.y) * this.scale;
   }
@@ -109,6 +142,7 @@ export class PlanMap {
     this._mark();
   }
 
+  /** @param {HTMLCanvasElement} canvas */
   _cleared(canvas) {
     const ratio = window.devicePixelRatio || 1;
     const width = Math.round(this.width * ratio);
@@ -120,6 +154,7 @@ export class PlanMap {
     return context;
   }
 
+  /** @param {Context} context @param {Theme} colours */
   _grid(context, colours) {
     const least = GRID / this.scale;
     const decade = 10 ** Math.floor(Math.log10(least));
@@ -128,7 +163,9 @@ export class PlanMap {
     Object.assign(context, { strokeStyle: colours.line, lineWidth: 1 });
     context.font = `11px ${getComputedStyle(document.body).fontFamily}`;
     context.beginPath();
+    /** @type {[string, number, number][]} */
     this.ticks = [];
+    /** @param {number} middle @param {number} half */
     const lines = (middle, half) => {
       const places = [];
       for (let k = Math.ceil((middle - half) / step); k * step <= middle + half; k++) places.push(k * step);
@@ -149,20 +186,28 @@ export class PlanMap {
     context.stroke();
   }
 
-  /** The numbers of the grid, where nothing else is written. */
+  /** The numbers of the grid, where nothing else is written. @param {Context} context @param {Theme} colours */
   _numbers(context, colours) {
     const looks = { fillStyle: colours.soft, halo: colours.paper };
     this.texts.write("mm", [[4, this.height - 9, "left"]], looks);
     for (const [text, x, y] of this.ticks) this.texts.write(text, [[x, y, "left"]], looks);
   }
 
-  /** Mark where the dispenser first opens and last closes. */
+  /**
+   * Mark where the dispenser first opens and last closes.
+   *
+   * @param {Context} context
+   * @param {(row: number) => Point} point
+   * @param {Theme} colours
+   */
   markEnds(context, point, colours) {
     const { data } = this;
     const rows = stretches(data.rows, (row) => data.column.dispense[row]);
     if (!rows.length) return;
     context.fillStyle = colours.ink;
-    for (const [row, name] of [[rows[0][0], "start"], [rows[rows.length - 1][1], "end"]]) {
+    /** @type {[number, string][]} */
+    const ends = [[rows[0][0], "start"], [rows[rows.length - 1][1], "end"]];
+    for (const [row, name] of ends) {
       const { x, y } = point(row);
       context.beginPath();
       context.arc(this.px(x), this.py(y), 3.5, 0, 2 * Math.PI);
@@ -171,22 +216,33 @@ export class PlanMap {
     }
   }
 
-  /** Mark the verdict's worst place by a triangle above it, with a text. */
+  /**
+   * Mark the verdict's worst place by a triangle above it, with a text.
+   *
+   * @param {Context} context @param {number} px @param {number} py @param {Theme} colours @param {string} text
+   */
   markWorst(context, px, py, colours, text) {
     context.beginPath();
     context.moveTo(px, py - 6);
     context.lineTo(px - 0.6 * WORST, py - 6 - WORST);
     context.lineTo(px + 0.6 * WORST, py - 6 - WORST);
     context.closePath();
-    const ink = this.data.passes ? colours.ink : colours.alarm;
+    const ink = "passes" in this.data && this.data.passes ? colours.ink : colours.alarm;
     Object.assign(context, { fillStyle: ink, strokeStyle: colours.paper, lineWidth: 1.5 });
     context.fill();
     context.stroke();
+    /** @type {TextPlace[]} */
     const places = [[px + WORST, py - 12, "left"], [px - WORST, py - 12, "right"], [px, py - 26, "center"]];
     this.texts.write(text, places, { fillStyle: ink, halo: colours.paper, always: true });
+    // of the triangle, and of the cursor that begins there
+    this.texts.keep([px - WORST, py - 6 - WORST, px + WORST, py + WORST]);
   }
 
-  /** Draw the cursor, and the box of a drag. */
+  /**
+   * Draw the cursor, and the box of a drag.
+   *
+   * @param {number[]} box
+   */
   _mark(box = []) {
     if (!this.scale) return;
     const context = this._cleared(this.top);
@@ -219,8 +275,11 @@ export class PlanMap {
     }
   }
 
+  /** @param {Context} context @param {number} px @param {number} py @param {Theme} colours @param {string} ink */
   _ring(context, px, py, colours, ink) {
-    for (const [size, colour] of [[5, colours.paper], [2.5, ink]]) {
+    /** @type {[number, string][]} */
+    const rings = [[5, colours.paper], [2.5, ink]];
+    for (const [size, colour] of rings) {
       context.beginPath();
       context.arc(px, py, 7, 0, 2 * Math.PI);
       Object.assign(context, { strokeStyle: colour, lineWidth: size });
@@ -228,6 +287,7 @@ export class PlanMap {
     }
   }
 
+  /** @param {number} px @param {number} py @param {(row: number) => void} found */
   _find(px, py, found) {
     let nearest = -1;
     let least = REACH * REACH;
@@ -244,6 +304,7 @@ export class PlanMap {
     if (nearest >= 0) found(nearest);
   }
 
+  /** @param {number} factor @param {number} px @param {number} py */
   _zoom(factor, px, py) {
     const x = this.x + (px - this.width / 2) / this.scale;
     const y = this.y - (py - this.height / 2) / this.scale;
@@ -252,10 +313,12 @@ export class PlanMap {
     this.region.show(x - (px - this.width / 2) / scale, y + (py - this.height / 2) / scale, height);
   }
 
+  /** @param {number} dx @param {number} dy */
   _shift(dx, dy) {
     this.region.show(this.x - dx / this.scale, this.y + dy / this.scale, this.height / this.scale);
   }
 
+  /** @param {number} x0 @param {number} y0 @param {number} x1 @param {number} y1 */
   _zoomTo(x0, y0, x1, y1) {
     const wide = Math.abs(x1 - x0) / this.scale;
     const high = Math.abs(y1 - y0) / this.scale;

@@ -3,6 +3,7 @@
 import { element } from "./dom.js";
 
 export class Moment {
+  /** @param {RunData} data @param {Cursor} cursor */
   constructor(data, cursor) {
     this.data = data;
     this.element = element("output", { class: "now", "aria-live": "off" });
@@ -10,6 +11,7 @@ export class Moment {
     this._show(cursor.row);
   }
 
+  /** @param {number} row */
   _show(row) {
     const { data } = this;
     const line = data.column.line[row];
@@ -17,6 +19,7 @@ export class Moment {
     if (line) parts.push(`line ${line}`);
     if (!isNaN(data.size[row])) parts.push(`path error ${data.text("contour", row)}`);
     if (data.width && data.column.dispense[row]) parts.push(`bead width ${data.text("width", row)}`);
-    this.element.textContent = parts.join(" · ");
+    // lines end between parts only
+    this.element.textContent = parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ");
   }
 }

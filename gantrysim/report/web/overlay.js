@@ -8,6 +8,7 @@ const LINE = 2; // width of a path [pixels]
 const LEVELS = 60; // of a bead's width, each drawn in one stroke
 
 export class Overlay {
+  /** @param {ComparedData} data @param {Cursor} cursor @param {Region} region */
   constructor(data, cursor, region) {
     this.data = data;
     this.hidden = new Set();
@@ -29,8 +30,9 @@ export class Overlay {
   _caption() {
     const { data } = this;
     const caption = element("figcaption", {}, element("b", {}, "Beads over one another"));
+    /** @param {"factor" | "beads"} name @param {unknown} value */
     const change = (name, value) => {
-      this[name] = value;
+      Object.assign(this, { [name]: value });
       this.map.redraw();
     };
     if (data.magnification > 1) {
@@ -52,6 +54,7 @@ export class Overlay {
     this.map.redraw();
   }
 
+  /** @param {number} number @param {boolean} shown */
   setRun(number, shown) {
     if (shown) this.hidden.delete(number);
     else this.hidden.add(number);
@@ -62,14 +65,14 @@ export class Overlay {
     return this.data.runs.map((run, k) => k).filter((k) => !this.hidden.has(k));
   }
 
-  /** Position drawn of a run's nozzle at a row: its error magnified. */
+  /** Position drawn of a run's nozzle at a row: its error magnified. @param {number} run @param {number} row */
   _point(run, row) {
     const { column } = this.data;
     const [x, y, dx, dy] = ["x", "y", "dx", "dy"].map((name) => column[`${name}.${run}`][row]);
     return { x: x + (this.factor - 1) * dx, y: y + (this.factor - 1) * dy };
   }
 
-  /** Where the cursor stands: on the first of the runs shown that has a value there. */
+  /** Where the cursor stands: on the first of the runs shown that has a value there. @param {number} row */
   _first(row) {
     for (const run of this._shown) {
       const point = this._point(run, row);
@@ -78,12 +81,14 @@ export class Overlay {
     return { x: NaN, y: NaN };
   }
 
+  /** @param {number} row */
   _marks(row) {
     return this._shown
       .map((run) => ({ ...this._point(run, row), colour: this.data.runs[run].colour }))
       .filter(({ x }) => x === x);
   }
 
+  /** @param {Context} context @param {PlanMap} map @param {Theme} colours */
   _draw(context, map, colours) {
     const { data } = this;
     for (const run of this._shown) {
@@ -106,6 +111,7 @@ export class Overlay {
     context.lineCap = "round";
   }
 
+  /** @param {Context} context @param {PlanMap} map @param {(row: number) => Point} pointOf */
   _line(context, map, pointOf) {
     context.beginPath();
     let pen = false;
@@ -119,7 +125,11 @@ export class Overlay {
     }
   }
 
-  /** Draw a bead as wide as it is laid, about the position drawn. */
+  /**
+   * Draw a bead as wide as it is laid, about the position drawn.
+   *
+   * @param {Context} context @param {PlanMap} map @param {number} run @param {string} ink
+   */
   _bead(context, map, run, ink) {
     const width = this.data.column[`width.${run}`];
     const widest = width.reduce((most, value) => (value > most ? value : most), 0);

@@ -15,7 +15,7 @@ export function copyButtons() {
   }
 }
 
-/** Copy an element's text, and leave it selected where the browser does not allow that. */
+/** Copy an element's text, and leave it selected where the browser does not allow that. @param {HTMLElement} code */
 async function copied(code) {
   try {
     await navigator.clipboard.writeText(code.textContent);

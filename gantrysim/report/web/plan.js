@@ -1,6 +1,6 @@
 // The plan view: the nozzle's path coloured by the size of its error.
 
-import { digits, stretches } from "./data.js";
+import { stretches } from "./data.js";
 import { element, toggle } from "./dom.js";
 import { PlanMap } from "./map.js";
 import { placeOf, ScaleBar } from "./scalebar.js";
@@ -9,6 +9,7 @@ import { colourAt } from "./theme.js";
 const COLOURS = 48;
 
 export class Plan {
+  /** @param {RunData} data @param {Cursor} cursor @param {Region} region */
   constructor(data, cursor, region) {
     this.data = data;
     this.cursor = cursor;
@@ -33,9 +34,9 @@ export class Plan {
     this.map.redraw();
   }
 
-  /** Position drawn of the nozzle at a row: its error magnified. */
+  /** Position drawn of the nozzle at a row: its error magnified. @param {number} row */
   _point(row) {
-    const { column, factor, place } = this;
+    const { factor, place } = this;
     const { x, y, dx, dy } = this.data.column;
     const known = dx[row] === dx[row] && factor > 1;
     place.x = known ? x[row] + (factor - 1) * dx[row] : x[row];
@@ -49,6 +50,7 @@ export class Plan {
     const caption = element("figcaption", {}, element("b", {}, "Error of the path"), scale);
     if (data.magnification > 1) {
       const label = `error × ${data.magnification}`;
+      /** @param {boolean} on */
       const change = (on) => {
         this.factor = on ? data.magnification : 1;
         this.map.redraw();
@@ -58,6 +60,7 @@ export class Plan {
     return caption;
   }
 
+  /** @param {Context} context @param {PlanMap} map @param {Theme} colours */
   _draw(context, map, colours) {
     const { data, cursor } = this;
     const { x, y } = data.requested;
@@ -76,11 +79,13 @@ export class Plan {
     this._ends(context, map, colours);
   }
 
+  /** @param {number} row */
   _drawn(row) {
     const { x, y } = this._point(row);
     return [x, y];
   }
 
+  /** @param {Context} context @param {PlanMap} map @param {(row: number) => number[]} point */
   _path(context, map, point, first = 0, last = this.data.rows - 1) {
     context.beginPath();
     let pen = false;
@@ -94,12 +99,13 @@ export class Plan {
     }
   }
 
-  /** Draw the path in pieces of equal colour. */
+  /** Draw the path in pieces of equal colour. @param {Context} context @param {PlanMap} map @param {Theme} colours */
   _coloured(context, map, colours) {
     const { data } = this;
     const pieces = Array.from({ length: COLOURS }, () => new Path2D());
     const place = placeOf(data, false);
     let before = -1;
+    /** @type {[number, number]} */
     let from = [0, 0];
     for (let row = 0; row < data.rows; row++) {
       const size = data.size[row];
@@ -108,6 +114,7 @@ export class Plan {
         continue;
       }
       const { x, y } = this._point(row);
+      /** @type {[number, number]} */
       const to = [map.px(x), map.py(y)];
       const k = Math.min(Math.floor(COLOURS * place(row)), COLOURS - 1);
       if (before >= 0) {
@@ -124,7 +131,11 @@ export class Plan {
     });
   }
 
-  /** Mark where the dispenser first opens and last closes, and the verdict's worst place. */
+  /**
+   * Mark where the dispenser first opens and last closes, and the verdict's worst place.
+   *
+   * @param {Context} context @param {PlanMap} map @param {Theme} colours
+   */
   _ends(context, map, colours) {
     const { data } = this;
     const { x, y } = this._point(data.worst);

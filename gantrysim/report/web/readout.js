@@ -6,10 +6,14 @@ import { colourOf, onTheme, theme } from "./theme.js";
 const HIDDEN = new Set(["dx", "dy", "distance"]);
 
 export class Readout {
-  /** @param setShown called with the name of a link and whether it is shown */
+  /**
+   * @param setShown called with the name of a link and whether it is shown
+   * @param {RunData} data @param {Cursor} cursor @param {(name: string, shown: boolean) => void} setShown
+   */
   constructor(data, cursor, setShown) {
     this.data = data;
     this.setShown = setShown;
+    /** @type {Record<string, HTMLElement>} */
     this.cells = {};
     this.element = element("div", { class: "readout", role: "group", "aria-label": "Values at the cursor" });
     this._add("time", "t", "");
@@ -23,6 +27,7 @@ export class Readout {
     this._show(cursor.row);
   }
 
+  /** @param {string} name @param {string} label @param {string} meaning @param {SeriesContent} [series] */
   _add(name, label, meaning, series) {
     const value = element("output", { "data-name": name, "aria-live": "off" });
     const link = series && series.group === "error";
@@ -34,6 +39,7 @@ export class Readout {
     this.element.append(cell);
   }
 
+  /** @param {SeriesContent} series */
   _button(series) {
     const button = element("button", { type: "button", "aria-pressed": "true", "data-link": series.name });
     const paint = () => {
@@ -51,8 +57,10 @@ export class Readout {
     return button;
   }
 
+  /** @param {number} row */
   _show(row) {
     const { data, cells } = this;
+    /** @type {Record<string, string>} */
     const texts = { time: `${data.time[row].toFixed(3)} s`, dispense: data.column.dispense[row] ? "on" : "off" };
     const line = data.column.line[row];
     for (const [name, cell] of Object.entries(cells)) {

@@ -11,7 +11,11 @@ const EDGE = 0.62; // brightness at the foot of the bead; its crest has the colo
 const ANGLES = Array.from({ length: CORNERS }, (_, k) => (Math.PI * k) / (CORNERS - 1));
 const SHADES = ANGLES.map((angle) => EDGE + (1 - EDGE) * Math.sin(angle));
 
-/** Rows at which the bead has a ring, and whether a ring is joined to the one before. */
+/**
+ * Rows at which the bead has a ring, and whether a ring is joined to the one before.
+ *
+ * @param {RunData} data @param {number} extent
+ */
 function ringsOf(data, extent) {
   const { x, y, width, dispense } = data.column;
   const least = DRY * (data.width || 0);
@@ -34,7 +38,11 @@ function ringsOf(data, extent) {
   return { rows, joined };
 }
 
-/** Level unit vectors across the path at the rings, [x, y, x, ...]; a vertical stretch keeps the one before. */
+/**
+ * Level unit vectors across the path at the rings, [x, y, x, ...]; a vertical stretch keeps the one before.
+ *
+ * @param {RunData} data @param {number[]} rows @param {boolean[]} joined
+ */
 function acrossOf(data, rows, joined) {
   const { x, y } = data.column;
   const across = new Float32Array(2 * rows.length);
@@ -54,7 +62,10 @@ function acrossOf(data, rows, joined) {
 }
 
 export class Ribbon {
-  /** @param frame {x, y, z} of the middle, from which positions are counted; @param extent of the bead [mm] */
+  /**
+   * @param {RunData} data @param {Frame} frame the middle @param {number} extent of the bead [mm]
+   * @param {RunData} data @param {number} extent
+   */
   constructor(data, frame, extent) {
     const { rows, joined } = ringsOf(data, extent);
     this.rows = rows;
@@ -66,6 +77,7 @@ export class Ribbon {
     this.object = new Mesh(this.geometry, new MeshBasicMaterial({ vertexColors: true, side: DoubleSide }));
   }
 
+  /** @param {RunData} data @param {Frame} frame @param {number} extent @param {boolean[]} joined */
   _corners(data, joined, frame, extent) {
     const { x, y, z, width, height } = data.column;
     const across = acrossOf(data, this.rows, joined);
@@ -85,6 +97,7 @@ export class Ribbon {
     return corners;
   }
 
+  /** @param {boolean[]} joined */
   _faces(joined) {
     const faces = new Uint32Array(6 * (CORNERS - 1) * joined.filter(Boolean).length);
     let place = 0;
@@ -100,7 +113,7 @@ export class Ribbon {
     return faces;
   }
 
-  /** Colour the bead by a function from a row to [red, green, blue]. */
+  /** Colour the bead by a function from a row to [red, green, blue]. @param {(row: number) => Rgb} colourAt */
   paint(colourAt) {
     const { array } = this.colours;
     let place = 0;

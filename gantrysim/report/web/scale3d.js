@@ -6,12 +6,13 @@ import { colourAt, theme } from "./theme.js";
 
 const LEVELS = 255;
 
-/** The colours of a scale from 0 to 1 as [red, green, blue]. */
+/** The colours of a scale from 0 to 1 as [red, green, blue]. @param {Stop[]} stops */
 function table(stops) {
   return Array.from({ length: LEVELS + 1 }, (_, k) => colourAt(stops, k / LEVELS).match(/\d+/g).map(Number));
 }
 
 export class Scale3d {
+  /** @param {RunData} data */
   constructor(data) {
     this.data = data;
     this.byWidth = Boolean(data.width) && data.shown !== "path";
@@ -19,11 +20,20 @@ export class Scale3d {
     this.element = this.bar.element;
   }
 
+  /** Show the tolerance of other data. */
+  update() {
+    this.bar.show(this.byWidth);
+  }
+
   get quantity() {
     return this.byWidth ? "the deviation of its width" : "the error of its path";
   }
 
-  /** Buttons that choose the quantity; none where the bead's width is unknown. */
+  /**
+   * Buttons that choose the quantity; none where the bead's width is unknown.
+   *
+   * @param {() => void} changed
+   */
   buttons(changed) {
     if (!this.data.width) return [];
     return [
@@ -35,7 +45,11 @@ export class Scale3d {
     ];
   }
 
-  /** A function from a row to [red, green, blue]. */
+  /**
+   * A function from a row to [red, green, blue].
+   *
+   * @returns {(row: number) => Rgb}
+   */
   painter() {
     const { shares, widths, soft } = theme();
     const colours = table(this.byWidth ? widths : shares);

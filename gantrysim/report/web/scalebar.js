@@ -5,6 +5,7 @@ import { element } from "./dom.js";
 import { endOf, placeOn, theme } from "./theme.js";
 
 export class ScaleBar {
+  /** @param {RunData} data @param {boolean} byWidth */
   constructor(data, byWidth) {
     this.data = data;
     this.bar = element("span");
@@ -14,6 +15,7 @@ export class ScaleBar {
     this.show(byWidth);
   }
 
+  /** @param {boolean} byWidth */
   show(byWidth) {
     const { data, bar } = this;
     const stops = byWidth ? theme().widths : theme().shares;
@@ -31,10 +33,15 @@ export class ScaleBar {
   }
 }
 
-/** A function from a row to the place of its colour on its scale, 0 to 1, NaN where it is not known. */
+/**
+ * A function from a row to the place of its colour on its scale, 0 to 1, NaN where it is not known.
+ *
+ * @param {RunData} data @param {boolean} byWidth @returns {(row: number) => number}
+ */
 export function placeOf(data, byWidth) {
   const { widths, shares } = theme();
   const { width } = data.column;
+  /** @param {Stop[]} stops @param {number} value */
   const place = (stops, value) => (value === value ? placeOn(stops, value) : NaN);
   if (!byWidth) return (row) => place(shares, data.size[row] / data.path_tolerance);
   return (row) => place(widths, (100 * (width[row] / data.width - 1)) / data.width_tolerance);

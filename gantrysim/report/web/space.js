@@ -1,6 +1,6 @@
 // The place of the 3-D view of the bead: its script is expanded when the view comes into sight.
 
-import { bytesOf } from "./data.js";
+import { expanded } from "./data.js";
 import { element } from "./dom.js";
 
 const AHEAD = "200px"; // of the window's edge, at which the script is expanded
@@ -13,13 +13,15 @@ function hasWebgl() {
   return Boolean(context);
 }
 
-async function expanded(text) {
-  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Response(stream).text();
+/** The class of the view, from the script that the page holds. */
+async function viewOfPage() {
+  const code = await expanded(document.getElementById("viewer-3d").textContent);
+  return new Function(`${code}; return gantrysimSpace;`)().View;
 }
 
 export class Space {
-  constructor(data, cursor) {
+  /** @param load returns a promise of the class of the view @param {RunData} data @param {Cursor} cursor */
+  constructor(data, cursor, load = viewOfPage) {
     this.element = element("figure", { class: "view space" }, element("figcaption", {}, element("b", {}, "Bead in 3-D")));
     const reason = !hasWebgl() ? NO_WEBGL : typeof DecompressionStream === "undefined" ? NO_EXPANSION : "";
     if (reason) {
@@ -31,17 +33,23 @@ export class Space {
       (entries) => {
         if (!entries.some((entry) => entry.isIntersecting)) return;
         observer.disconnect();
-        this._load(data, cursor);
+        this._show(load, data, cursor);
       },
       { rootMargin: AHEAD },
     );
     observer.observe(this.element);
   }
 
-  async _load(data, cursor) {
-    const code = await expanded(document.getElementById("viewer-3d").textContent);
-    const { View } = new Function(`${code}; return gantrysimSpace;`)();
-    this.element.replaceChildren(...new View(data, cursor).children);
+  /** Show other data of the run. */
+  update() {
+    this.view?.update();
+  }
+
+  /** @param {RunData} data @param {Cursor} cursor @param {() => Promise<typeof import("./view3d.js").View>} load */
+  async _show(load, data, cursor) {
+    const View = await load();
+    this.view = new View(data, cursor);
+    this.element.replaceChildren(...this.view.children);
     performance.mark("viewer-3d-ready");
   }
 }

@@ -2,7 +2,7 @@
 
 import uPlot from "uplot";
 import { asSlider } from "./cursor.js";
-import { extent, number, stretches } from "./data.js";
+import { extent, stretches } from "./data.js";
 import { element, sample, toggle } from "./dom.js";
 import { gestures } from "./gestures.js";
 import { colourOf, onTheme, theme } from "./theme.js";
@@ -12,21 +12,30 @@ const LOW = 96; // of the others
 const HEADING = 20; // above a strip [pixels]
 const SPACE = 0.06; // above and below a line, of its range
 
-/** Labels of an axis: uPlot's own have commas between thousands, and hyphens. */
+/**
+ * Labels of an axis: uPlot's own have commas between thousands, and hyphens.
+ *
+ * @param {uPlot} plot @param {number[]} places
+ */
 const labels = (plot, places) =>
   places.map((value) => (value === null ? "" : String(Number(value.toPrecision(6))).replace("-", "−")));
 
+/** @template {RunData | ComparedData} [Data=RunData] */
 export class Strips {
+  /** @param {Data} data @param {Cursor} cursor */
   constructor(data, cursor) {
     this.data = data;
     this.cursor = cursor;
     this.common = true; // one scale for all errors
-    this.overTime = true;
+    this.timed = true; // the abscissa is the time
     this.hidden = new Set();
     this.list = element("div", { class: "strips" });
     this.element = element("div", { class: "view" }, this._caption(), this.list);
     asSlider(this.list, cursor, "Strips of errors, bead and motion", (row) => this._described(row));
+    /** @type {Strip[]} */
     this._plots = [];
+    /** @type {Record<string, (number | null)[] | Values>} */
+    this._values = {};
     this._build();
     cursor.onMove((row) => this._mark(row));
     cursor.onChoice(() => this._redraw());
@@ -40,8 +49,8 @@ export class Strips {
       this._redraw(true);
     });
     const axis = toggle("over time", true, (on) => {
-      this.overTime = on;
-      axis.firstChild.data = on ? "over time" : "along the path";
+      this.timed = on;
+      axis.textContent = on ? "over time" : "along the path";
       this._build();
     });
     const whole = element("button", { type: "button" }, "whole run");
@@ -49,15 +58,26 @@ export class Strips {
     return element("div", { class: "bar" }, element("b", {}, "Along the run"), scale, axis, whole);
   }
 
+  get overTime() {
+    return this.timed;
+  }
+
+  /** @returns {Values} */
   get x() {
-    return this.overTime ? this.data.time : this.data.along;
+    return this.overTime ? this._run.time : this.data.along;
   }
 
+  /** The data of a single run; comparisons have strips of their own. */
+  get _run() {
+    return /** @type {RunData} */ (this.data);
+  }
+
+  /** @param {number} row */
   _described(row) {
-    return `t = ${this.data.time[row].toFixed(3)} s, contour error ${this.data.text("contour", row)}`;
+    return `t = ${this._run.time[row].toFixed(3)} s, contour error ${this.data.text("contour", row)}`;
   }
 
-  /** Show or hide a link in the strip of all errors, and its own strip. */
+  /** Show or hide a link in the strip of all errors, and its own strip. @param {string} name @param {boolean} shown */
   setShown(name, shown) {
     if (shown) this.hidden.delete(name);
     else this.hidden.add(name);
@@ -70,9 +90,14 @@ export class Strips {
     this._redraw(true);
   }
 
-  /** The strips from top to bottom: names of their series, whether they are a link's alone, and their heading. */
+  /**
+   * The strips from top to bottom: names of their series, whether they are a link's alone, and their heading.
+   *
+   * @returns {StripGroup[]}
+   */
   _groups() {
     const errors = this.data.links().map((series) => series.name);
+    /** @type {StripGroup[]} */
     const groups = [{ names: errors, own: false, heading: "contour error and its links" }];
     for (const name of errors) if (name !== "contour") groups.push({ names: [name], own: true });
     for (const { name, group } of this.data.series) {
@@ -108,6 +133,7 @@ export class Strips {
     this._plots = [];
   }
 
+  /** @param {StripGroup} group @param {boolean} last */
   _strip({ names, own, heading: title }, last) {
     const colours = theme();
     const series = names.map((name) => this.data.seriesOf(name));
@@ -120,7 +146,9 @@ export class Strips {
     const box = element("div", { class: "strip", "data-name": names[0] + (several ? "-all" : "") }, heading);
     this.list.append(box);
     const errors = series[0].group === "error";
+    /** @type {Strip} */
     const strip = { box, names, own, single, errors, value, last };
+    /** @type {import("uplot").Options} */
     const options = {
       width: this._width(),
       height: (several ? TALL : LOW) + (last ? 26 : 0),
@@ -139,12 +167,14 @@ export class Strips {
 
   /** uPlot's own listeners, of which none is needed. */
   _unbound() {
+    /** @returns {null} */
     const none = () => null;
     return Object.fromEntries(
       ["mousedown", "mouseup", "click", "dblclick", "mousemove", "mouseleave", "mouseenter"].map((name) => [name, none]),
     );
   }
 
+  /** @param {Theme} colours @param {boolean} last */
   _axis(colours, last) {
     const font = `11px ${getComputedStyle(document.body).fontFamily}`;
     const shown = last ? { label: this.overTime ? "time [s]" : "distance along the path [mm]", labelSize: 16, labelFont: font, size: 26 } : { size: 0 };
@@ -153,11 +183,12 @@ export class Strips {
       font,
       grid: { stroke: colours.line, width: 1 },
       ticks: { show: false },
-      values: last ? labels : (plot, places) => places.map(() => ""),
+      values: last ? labels : (/** @type {uPlot} */ plot, /** @type {number[]} */ places) => places.map(() => ""),
       ...shown,
     };
   }
 
+  /** @param {Theme} colours @param {string} unit */
   _upright(colours, unit) {
     const font = `11px ${getComputedStyle(document.body).fontFamily}`;
     return {
@@ -174,6 +205,7 @@ export class Strips {
     };
   }
 
+  /** @param {SeriesContent} series @param {Theme} colours @param {boolean} several */
   _line(series, colours, several) {
     const whole = series.name === "contour";
     return {
@@ -185,7 +217,7 @@ export class Strips {
     };
   }
 
-  /** The values of a column as uPlot takes them: null where there is none. */
+  /** The values of a column as uPlot takes them: null where there is none. @param {string} name */
   _known(name) {
     if (!this._values[name]) {
       const values = this.data.column[name];
@@ -194,6 +226,7 @@ export class Strips {
     return this._values[name];
   }
 
+  /** @param {uPlot} plot */
   _rows(plot) {
     const { min, max } = plot.scales.x;
     const x = this.x;
@@ -201,6 +234,7 @@ export class Strips {
     return [Math.max(plot.valToIdx(min) - 1, 0), Math.min(plot.valToIdx(max) + 1, x.length - 1)];
   }
 
+  /** @param {Strip} strip @param {uPlot} plot @returns {[number, number]} */
   _range(strip, plot) {
     const [first, last] = plot ? this._rows(plot) : [0, this.data.rows - 1];
     let names = strip.names;
@@ -220,6 +254,7 @@ export class Strips {
     return [low - (low < 0 ? space : 0), high + space];
   }
 
+  /** @param {uPlot} plot @param {number} first @param {number} last @param {string} colour */
   _band(plot, first, last, colour) {
     const x = this.x;
     const left = plot.valToPos(x[first], "x", true);
@@ -229,7 +264,11 @@ export class Strips {
     plot.ctx.fillRect(left, top, Math.max(right - left, 1), height);
   }
 
-  /** Shade where the dispenser is off, and the stretches of the chosen line. */
+  /**
+   * Shade where the dispenser is off, and the stretches of the chosen line.
+   *
+   * @param {uPlot} plot @param {Theme} colours
+   */
   _shade(plot, colours) {
     const context = plot.ctx;
     context.save();
@@ -248,10 +287,11 @@ export class Strips {
     context.restore();
   }
 
-  /** Draw zero and the tolerance. */
+  /** Draw zero and the tolerance. @param {Strip} strip @param {uPlot} plot @param {Theme} colours */
   _limits(strip, plot, colours) {
     const { path_tolerance: path, width, width_tolerance: percent } = this.data;
     const quantity = this.data.seriesOf(strip.names[0]).quantity || strip.names[0];
+    /** @type {number[]} */
     let limits = [];
     if (quantity === "contour" && path) limits = [-path, path];
     if (quantity === "width" && width && percent) limits = [width * (1 - percent / 100), width * (1 + percent / 100)];
@@ -270,8 +310,10 @@ export class Strips {
     context.restore();
   }
 
+  /** @param {Strip} strip */
   _listen(strip) {
     const { plot } = strip;
+    /** @param {number} x */
     const rowAt = (x) => plot.posToIdx(Math.min(Math.max(x, 0), plot.over.clientWidth));
     gestures(plot.over, this.list, {
       hover: (x) => this.cursor.hover(rowAt(x), this),
@@ -294,7 +336,7 @@ export class Strips {
     });
   }
 
-  /** Show a part of all strips, within the run; null for all of it. */
+  /** Show a part of all strips, within the run; null for all of it. @param {number[] | null} part */
   _show(part) {
     const x = this.x;
     const whole = [x[0], x[x.length - 1]];
@@ -307,11 +349,12 @@ export class Strips {
     this._markSoon();
   }
 
-  /** The values at the cursor, as a strip's heading has them. */
+  /** The values at the cursor, as a strip's heading has them. @param {string[]} names @param {number} row */
   _valueText(names, row) {
     return this.data.text(names[0], row);
   }
 
+  /** @param {number} row */
   _mark(row) {
     for (const { plot, value, names } of this._plots) {
       plot.setCursor({ left: plot.valToPos(this.x[row], "x"), top: 10 }, false);

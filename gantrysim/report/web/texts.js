@@ -4,26 +4,43 @@ const EDGE = 2; // clear of the picture's edge [pixels]
 const APART = 3; // between two texts
 
 export class Texts {
+  /** @param {Context} context @param {number} width @param {number} height */
   constructor(context, width, height) {
-    Object.assign(this, { context, width, height });
+    this.context = context;
+    this.width = width;
+    this.height = height;
+    /** @type {number[][]} */
     this.boxes = [];
+  }
+
+  /**
+   * Keep a place free of the texts that follow, [left, top, right, bottom].
+   * @param {number[]} box
+   */
+  keep(box) {
+    this.boxes.push(box);
   }
 
   /**
    * Write a text at the first of some places where there is room, [x, y, align], y in its middle; returns whether there
    * is any. With `always`, it stands at the first place, moved into the picture.
+   *
+   * @param {string} text @param {TextPlace[]} places @param {TextLooks} looks
    */
   write(text, places, { always = false, halo, ...looks } = {}) {
     const { context } = this;
     Object.assign(context, { textBaseline: "middle", ...looks });
     const measured = context.measureText(text);
-    const high = (parseFloat(context.font.match(/[\d.]+px/)) || 11) * 1.2;
+    const high = (parseFloat(context.font.match(/[\d.]+px/)?.[0]) || 11) * 1.2;
+    /** @param {TextPlace} place */
     const boxAt = ([x, y, align]) => {
       const left = align === "right" ? x - measured.width : align === "center" ? x - measured.width / 2 : x;
       return [left, y - high / 2, left + measured.width, y + high / 2];
     };
+    /** @param {number[]} box */
     const inside = ([left, top, right, bottom]) =>
       left >= EDGE && top >= EDGE && right <= this.width - EDGE && bottom <= this.height - EDGE;
+    /** @param {number[]} box */
     const clear = (box) =>
       this.boxes.every(
         (other) =>
@@ -49,7 +66,11 @@ export class Texts {
   }
 }
 
-/** Places around a point for its label: right, left, above, below. */
+/**
+ * Places around a point for its label: right, left, above, below.
+ *
+ * @param {number} x @param {number} y @param {number} away @returns {TextPlace[]}
+ */
 export function around(x, y, away) {
   return [
     [x + away, y + away, "left"],

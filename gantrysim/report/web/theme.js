@@ -3,7 +3,13 @@
 const DARK = window.matchMedia("(prefers-color-scheme: dark)");
 const FORCED = window.matchMedia("(forced-colors: active)");
 
-/** Stops of a colour scale, [value, place, [red, green, blue]], ascending; gantrysim/results/colours.py has them. */
+/**
+ * Stops of a colour scale, [value, place, [red, green, blue]], ascending; gantrysim/results/colours.py has them.
+ *
+ * @param {CSSStyleDeclaration} style
+ * @param {string} name
+ * @returns {Stop[]}
+ */
 function stopsOf(style, name) {
   return style.getPropertyValue(name).split(",").map((stop) => {
     const [value, place, colour] = stop.trim().split(" ");
@@ -11,12 +17,12 @@ function stopsOf(style, name) {
   });
 }
 
-/** Last value of a scale. */
+/** Last value of a scale. @param {Stop[]} stops */
 export function endOf(stops) {
   return stops[stops.length - 1][0];
 }
 
-/** Place of a value on a scale, 0 to 1. */
+/** Place of a value on a scale, 0 to 1. @param {Stop[]} stops @param {number} value */
 export function placeOn(stops, value) {
   const k = stops.findIndex((stop) => stop[0] > value);
   if (k === 0) return 0;
@@ -25,14 +31,17 @@ export function placeOn(stops, value) {
   return first + ((last - first) * (value - low)) / (high - low);
 }
 
+/** @param {() => void} listener */
 export function onTheme(listener) {
   for (const query of [DARK, FORCED]) query.addEventListener("change", listener);
 }
 
+/** @returns {Theme} */
 export function theme() {
   const style = getComputedStyle(document.documentElement);
   // forced colours are names of the system's, which WebGL does not know
   const probe = document.querySelector("header");
+  /** @param {string} name */
   const value = (name) => {
     const given = style.getPropertyValue(name).trim();
     if (!FORCED.matches) return given;
@@ -54,12 +63,17 @@ export function theme() {
   };
 }
 
-/** The colour of a series; the contour error has that of the text. */
+/**
+ * The colour of a series; the contour error has that of the text.
+ *
+ * @param {{ colour?: string | null, name?: string }} series
+ * @param {Theme} colours
+ */
 export function colourOf(series, colours) {
   return !series.colour || series.name === "contour" ? colours.ink : series.colour;
 }
 
-/** The colour at a place of a scale, 0 to 1. */
+/** The colour at a place of a scale, 0 to 1. @param {Stop[]} stops @param {number} place */
 export function colourAt(stops, place) {
   const k = stops.findIndex((stop) => stop[1] > place);
   const [, first, low] = stops[k < 0 ? stops.length - 1 : Math.max(k - 1, 0)];

@@ -7,17 +7,22 @@ const STEP = 10; // of a key [deg]
 const SHIFT = 40; // of a key [pixels]
 const NEARER = 1.25; // of a key
 
+/** @type {Record<string, number[]>} */
 const DIRECTIONS = { a: [-1, 0], d: [1, 0], w: [0, 1], s: [0, -1] };
 
 /**
  * Call the handlers of a view, places in pixels from its corner: hover(x, y), click(x, y), turn(azimuth, elevation) in
  * degrees, pan(dx, dy), zoom(factor, x, y), without a place about the middle, and reset(). The wheel zooms in a view that
  * has the focus, or with Ctrl: else nobody could scroll past it.
+ *
+ * @param {HTMLElement} surface @param {Turns} handlers
  */
 export function turning(surface, handlers) {
   const pressed = new Map(); // pointers by their number
   let moved = false;
+  let from = [0, 0];
   let panning = false;
+  /** @type {(event: MouseEvent) => [number, number]} */
   const place = (event) => {
     const box = surface.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
@@ -29,7 +34,7 @@ export function turning(surface, handlers) {
   surface.addEventListener("pointerdown", (event) => {
     if (!pressed.size) {
       moved = false;
-      surface.from = place(event);
+      from = place(event);
     }
     panning = event.shiftKey || event.button > 0;
     pressed.set(event.pointerId, place(event));
@@ -43,7 +48,7 @@ export function turning(surface, handlers) {
       handlers.hover(x, y);
       return;
     }
-    moved = moved || Math.hypot(x - surface.from[0], y - surface.from[1]) > CLICK;
+    moved = moved || Math.hypot(x - from[0], y - from[1]) > CLICK;
     if (!moved) return;
     const before = pressed.size === 2 ? span() : null;
     pressed.set(event.pointerId, [x, y]);
@@ -66,6 +71,7 @@ export function turning(surface, handlers) {
   surface.addEventListener("pointercancel", (event) => pressed.delete(event.pointerId));
   surface.addEventListener("contextmenu", (event) => event.preventDefault());
   surface.addEventListener("dblclick", () => handlers.reset());
+  /** @param {WheelEvent} event */
   const wheel = (event) => {
     if (document.activeElement !== surface && !event.ctrlKey) return;
     event.preventDefault();

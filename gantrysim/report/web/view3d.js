@@ -40,14 +40,19 @@ const HINT =
 ColorManagement.enabled = false; // colours are those of the page's scales, as they are
 
 export class View {
+  /** @param {RunData} data @param {Cursor} cursor */
   constructor(data, cursor) {
     this.data = data;
     this.cursor = cursor;
     this.factor = 1; // of the heights
-    this._measure();
     this.scale = new Scale3d(data);
     this.camera = new Camera(HOME);
     this.labels = new Labels(this);
+    this.renderer = new WebGLRenderer({ antialias: true });
+    this.renderer.outputColorSpace = LinearSRGBColorSpace;
+    this.scene = new Scene();
+    this.root = new Group();
+    this.scene.add(this.root);
     this._build();
     this.base = this.renderer.domElement;
     this.base.setAttribute("aria-hidden", "true");
@@ -64,23 +69,23 @@ export class View {
   _measure() {
     const { data } = this;
     const { x, y, z, dispense } = data.column;
-    const only = (values) => values.map((value, row) => (dispense[row] ? value : NaN));
+    const all = [...data.column.x.keys()];
+    const laid = all.filter((row) => dispense[row]);
+    this.laid = laid.length ? laid : all; // a dry run's path
+    /** @param {Values} values */
+    const only = (values) => this.laid.map((row) => values[row]);
     const box = { x: extent(only(x)), y: extent(only(y)), z: extent(only(z)) };
     box.z = [box.z[0] - data.space.gap, box.z[1]];
+    /** @param {number[]} range */
     const middle = ([low, high]) => (low + high) / 2;
     this.frame = { x: middle(box.x), y: middle(box.y), z: middle(box.z) };
     this.size = Math.max(...Object.values(box).map(([low, high]) => high - low));
     this.box = box;
-    this.laid = [...data.column.x.keys()].filter((row) => dispense[row]);
   }
 
   _build() {
+    this._measure();
     const { data, frame } = this;
-    this.renderer = new WebGLRenderer({ antialias: true });
-    this.renderer.outputColorSpace = LinearSRGBColorSpace;
-    this.scene = new Scene();
-    this.root = new Group();
-    this.scene.add(this.root);
     this.ground = new Ground(this.box, frame);
     this.ribbon = new Ribbon(data, frame, this.size);
     this.dots = new Dots(data, frame);
@@ -93,7 +98,33 @@ export class View {
     this.root.add(this.ground.object, shade, travel, this.ribbon.object, this.dots.object, this.machine.object);
   }
 
-  /** Lines along the path where a condition holds, at a height. */
+  /** Show other data of the run, from where the camera looks. */
+  update() {
+    this.outdated = true; // built anew when it is drawn, as it may be out of sight
+    this._redraw();
+  }
+
+  _rebuild() {
+    this.outdated = false;
+    const isShown = this.machine.object.visible;
+    this.root.traverse((/** @type {any} three's types do not tell meshes from groups */ { geometry, material }) => {
+      geometry?.dispose();
+      material?.dispose();
+    });
+    this.root.clear();
+    this._build();
+    this.machine.object.visible = isShown;
+    this.machine.fade(this.width);
+    this.scale.update();
+    this._paint();
+    if (this.whole) this._fit();
+  }
+
+  /**
+   * Lines along the path where a condition holds, at a height.
+   *
+   * @param {(row: number) => unknown} holds @param {(row: number) => number} heightAt @param {LineBasicMaterial} material
+   */
   _lines(holds, heightAt, material) {
     const { data, frame } = this;
     const { x, y } = data.column;
@@ -107,12 +138,13 @@ export class View {
   }
 
   _caption() {
-    const { data } = this;
+    /** @param {string} label @param {() => void} action @param {string} [title] */
     const press = (label, action, title) => {
       const button = element("button", { type: "button", title }, label);
       button.addEventListener("click", action);
       return button;
     };
+    /** @param {number} azimuth @param {number} elevation */
     const look = (azimuth, elevation) => () => {
       this.camera.look(azimuth, elevation);
       this._fit();
@@ -123,6 +155,7 @@ export class View {
     });
     const buttons = [machine];
     if (this.box.z[1] - this.box.z[0] < FLAT * this.size) {
+      /** @param {boolean} on */
       const magnify = (on) => {
         this.factor = on ? MAGNIFIED : 1;
         this.root.scale.z = this.factor;
@@ -148,10 +181,12 @@ export class View {
         this._redraw();
       },
       pan: (dx, dy) => {
+        this.whole = false;
         this.camera.pan(dx, dy, this.height);
         this._redraw();
       },
       zoom: (factor, x = this.width / 2, y = this.height / 2) => {
+        this.whole = false;
         this.camera.zoom(factor, x - this.width / 2, y - this.height / 2, this.height);
         this._redraw();
       },
@@ -167,9 +202,10 @@ export class View {
     }).observe(this.surface);
   }
 
+  /** @param {number} row */
   _described(row) {
     const { data } = this;
-    const place = ["x", "y", "z"].map((name) => `${name} ${data.text(name, row)}`).join(", ");
+    const place = ["x", "y", "z"].filter((name) => data.seriesOf(name)).map((name) => `${name} ${data.text(name, row)}`).join(", ");
     const width = data.width ? `, bead width ${data.text("width", row)}` : "";
     return `t = ${data.time[row].toFixed(3)} s, ${place}, contour error ${data.text("contour", row)}${width}`;
   }
@@ -209,12 +245,14 @@ export class View {
 
   /** Show the whole bead from where the camera looks. */
   _fit() {
+    this.whole = true; // until it is moved or zoomed
     const { data, frame, factor } = this;
     const { x, y, z } = data.column;
     const every = Math.ceil(this.laid.length / MOST_POINTS);
     const laid = this.laid.filter((_, k) => k % every === 0);
     const { corners, top } = this.ground;
     const { right } = this.camera;
+    /** @param {number[]} corner */
     const aside = (corner) => corner[0] * right.x + corner[1] * right.y;
     const left = corners.reduce((first, corner) => (aside(corner) < aside(first) ? corner : first));
     const scale = [left[0], left[1], top]; // of heights, which stands there
@@ -224,11 +262,13 @@ export class View {
     this._redraw();
   }
 
+  /** @param {number} x @param {number} y @param {number} z @param {number[]} result */
   project(x, y, z, result) {
     const { frame, factor } = this;
     return this.camera.project(x - frame.x, y - frame.y, factor * (z - frame.z), result);
   }
 
+  /** @param {number} row @param {number[]} result */
   projectRow(row, result) {
     const { x, y, z } = this.data.column;
     return this.project(x[row], y[row], z[row], result);
@@ -245,6 +285,7 @@ export class View {
   }
 
   _draw() {
+    if (this.outdated) this._rebuild();
     const { camera, data } = this;
     if (this.stale) {
       if (this.machine.object.visible) this.machine.pose(data.column.tick[this.cursor.row]);
@@ -259,7 +300,11 @@ export class View {
     this.surface.dataset.view = [azimuth, elevation, distance, ...target.toArray()].map((v) => v.toPrecision(7)).join(" ");
   }
 
-  /** Find the row nearest to the mouse; of stretches that cross there, the one in front. */
+  /**
+   * Find the row nearest to the mouse; of stretches that cross there, the one in front.
+   *
+   * @param {number} px @param {number} py @param {(row: number) => void} found
+   */
   _find(px, py, found) {
     const { data } = this;
     const place = [0, 0, 0];

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gantrysim.base.errors import InputError, between, unknown, whole
+from gantrysim.base.errors import InputError, between, unknown, whole_number
 from gantrysim.servo.gains import Gains
 from gantrysim.servo.laws import ADDITIONS, BASES, LAW_PARAMETERS, LAWS, LEARNING, PID, BaseLaw, Law, LawValues
 from gantrysim.servo.laws.law import Timing, in_words
@@ -90,7 +90,7 @@ class Laws:
         if any(law.inverts_machine for law in self.added) and not self.motions:
             named = " and ".join(repr(law.name) for law in LAWS if law.inverts_machine)
             raise InputError(f"laws {named} need motions: take them from Servo.derive, of a machine without delays")
-        between("learning_repeats", whole("learning_repeats", self.learning_repeats, 1), 1, MOST_REPEATS)
+        between("learning_repeats", whole_number("learning_repeats", self.learning_repeats, 1), 1, MOST_REPEATS)
 
     def compensator(self, axis: int, gains: Sequence[Gains], notch: Coefficients, timing: Timing) -> Compensator:
         """Return the laws of one axis as they answer to a position alone, with all demands at zero.

@@ -11,6 +11,7 @@ out.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -19,7 +20,14 @@ from numpy.typing import ArrayLike
 from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.servo.stability.compensator import Compensator
-from gantrysim.servo.stability.loops import NO_LOOP, FrequencyResponse, Loops, Margins, margins_of_loops
+from gantrysim.servo.stability.loops import (
+    NO_LOOP,
+    FrequencyResponse,
+    Loops,
+    Margins,
+    margins_of_loops,
+    peaks_of,
+)
 from gantrysim.servo.stability.motion import Drives, LinearSystem, Motion, UnknownLoopError
 
 # Velocity loops in the drives as part of the motion that the servo sees: two rates in one sampled system.
@@ -52,7 +60,8 @@ def with_velocity_loops(
     G = system.G0 + system.G1
     H = motors
     K = np.diag(gain)
-    identity = np.eye(m)
+    # a drive without an integral term holds no z, which would be a pole at 1
+    integrates = np.diag(rate > 0).astype(float)
     whole = np.diag(gain * (1 + rate * t))
     step = np.zeros((n + 2 * m, n + 2 * m))
     enter = np.zeros((n + 2 * m, m))
@@ -64,11 +73,11 @@ def with_velocity_loops(
     step[x, before] = G @ whole / t
     step[x, z] = G @ K @ np.diag(rate)
     step[before, x] = H
-    step[z, x] = -H
-    step[z, before] = identity
-    step[z, z] = identity
+    step[z, x] = -integrates @ H
+    step[z, before] = integrates
+    step[z, z] = integrates
     enter[x] = G @ whole
-    enter[z] = t * identity
+    enter[z] = t * integrates
     F = np.eye(n + 2 * m)
     G0 = np.zeros_like(enter)
     G1 = np.zeros_like(enter)
@@ -223,24 +232,20 @@ class Plant:
     def margins(self, servo: LinearLaw) -> tuple[Margins, ...]:
         """Return the margins of each axis."""
         margins: dict[int, Margins] = {}
-        for loops in self._loops(servo):
+        for loops in self.loops(servo):
             margins |= zip(loops.system.axes, margins_of_loops(loops), strict=True)
         return tuple(margins.get(a, NO_LOOP) for a in range(self.axes))
 
     def sensitivity(self, servo: LinearLaw) -> Floats:
         """Return the peak of |S| of each axis, inf for an unstable loop, (axes,); as in `margins`, but much faster."""
-        peaks = np.full(self.axes, np.inf)
-        for loops in self._loops(servo):
-            if loops.stable():
-                peaks[list(loops.system.axes)] = loops.peaks(loops.open(loops.plant.theta, loops.plant.P))
-        return peaks
+        return sensitivities([self], servo)[0]
 
     def exceeds(self, servo: LinearLaw, peak: float) -> bool:
         """Return whether a loop is unstable, or its |S| above a peak on a coarse grid; much faster than `margins`.
 
         |S| between the points may be higher: where this is False, `margins` decides.
         """
-        for loops in self._loops(servo):
+        for loops in self.loops(servo):
             if not loops.stable():
                 return True
             L = loops.open(loops.plant.theta[::_COARSE_EVERY], loops.plant.P[::_COARSE_EVERY])
@@ -257,7 +262,7 @@ class Plant:
             servo: the servo.
             frequency: above 0 and at most the Nyquist frequency of the servo, (n,) [Hz].
         """
-        groups = self._loops(servo)
+        groups = self.loops(servo)
         angle = 2 * np.pi * np.atleast_1d(np.asarray(frequency, float))
         if not ((angle > 0) & (angle * self.period <= np.pi * (1 + 1e-9))).all():
             raise InputError(f"frequency: must be above 0 and at most {0.5 / self.period:g} Hz")
@@ -268,9 +273,9 @@ class Plant:
 
     def poles(self, servo: LinearLaw) -> Complexes:
         """Return the closed-loop poles, each of a step of its loop, unstable outside the unit circle, (n,)."""
-        return np.concatenate([np.zeros(0, complex), *(loops.poles() for loops in self._loops(servo))])
+        return np.concatenate([np.zeros(0, complex), *(loops.poles() for loops in self.loops(servo))])
 
-    def _loops(self, servo: LinearLaw) -> list[Loops]:
+    def loops(self, servo: LinearLaw) -> list[Loops]:
         """Return the loops of each group of axes that move each other."""
         laws = servo.compensators()
         if len(laws) != self.axes:
@@ -286,6 +291,20 @@ class Plant:
             Loops(response, [laws[a] for a in response.system.axes], period)
             for response, period in zip(self._responses, self._periods, strict=True)
         ]
+
+
+def sensitivities(plants: Sequence[Plant], servo: LinearLaw) -> Floats:
+    """Return the peak of |S| of each axis on each of several plants, inf for an unstable loop, (plants, axes)."""
+    law = UnheldLaws(servo.period, servo.delay, servo.compensators(), servo.loop_drives)
+    peaks = np.full((len(plants), plants[0].axes), np.inf)
+    together: dict[tuple[int, ...], dict[int, Loops]] = {}
+    for number, plant in enumerate(plants):
+        for loops in plant.loops(law):
+            if loops.stable():
+                together.setdefault(loops.system.axes, {})[number] = loops
+    for axes, by_plant in together.items():
+        peaks[np.ix_(list(by_plant), axes)] = peaks_of(list(by_plant.values()))
+    return peaks
 
 
 def margins_of(machine: Movable, servo: LinearLaw) -> tuple[Margins, ...] | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.base.arrays import Complexes, Floats, seen
+from gantrysim.base.arrays import Complexes, Floats, read_only_view
 from gantrysim.base.jit import jit
 
 
@@ -27,8 +27,8 @@ def transfer(z: Complexes, A: Floats, B: tuple[Floats, Floats], C: Floats) -> Co
         ZeroDivisionError: a z that is exactly a pole.
     """
     values = np.empty((z.size, len(C), B[0].shape[1]), complex)
-    motion, before, present, outputs = (seen(np.ascontiguousarray(matrix, float)) for matrix in (A, *B, C))
-    _find_values(seen(z), motion, before, present, outputs, values)
+    motion, before, present, outputs = (read_only_view(np.ascontiguousarray(matrix, float)) for matrix in (A, *B, C))
+    _find_values(read_only_view(z), motion, before, present, outputs, values)
     return values
 
 

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import number_text
 from gantrysim.metrics import CircularTest, Trace, minimum_zone
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.report.document import Column, Table
-from gantrysim.report.plots.style import COLOURS, UM, sheet
-from gantrysim.results.colours import INK, RUNS
-from gantrysim.study.acceptance import MOTION_LIMITS, Acceptance, Scope, improve_command
+from gantrysim.report.plots.style import COLOURS, FAR, UM, draw_limit, limit_text, sheet
+from gantrysim.results.colours import BAD, INK, RUNS
+from gantrysim.study.acceptance import MOTION_LIMITS, Acceptance, Scope, improve_command, path_limit
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.circle.study import AXES, DECAY, SENSES, CircleStudy
 from gantrysim.study.study import Details, Plot, Report
@@ -102,15 +103,16 @@ def report(study: CircleStudy, rows: Sequence[Row]) -> Report:
         "chart",
         "Radial deviation, magnified",
         "The nominal circle is the bold ring; outside it the path is too large. The dashed rings are the minimum "
-        "zone of both paths.",
-        _draw_chart(test),
+        "zone of both paths, the red ones the largest error that the job's tolerance admits; the triangle marks the "
+        "largest deviation.",
+        _draw_chart(test, UM * path_limit(study.job)),
     )
     deviation = Plot(
         "deviation",
         "Radial deviation over the angle",
         "x reverses at 0 and 180 deg, y at 90 and 270 deg; the marks are the spikes. Below, the part that arises "
         "behind the motors.",
-        _draw_deviation(traces, structure, study.reach),
+        _draw_deviation(traces, structure, study.reach, UM * path_limit(study.job)),
     )
     details = Details(_notes(study), [_reversals_table(traces, study.reach)], [deviation])
     sentence = circle_answer(study, rows, test, motors)
@@ -157,10 +159,12 @@ def _reversals_table(traces: dict[str, Trace], reach: float) -> Table:
     return Table(columns, rows, caption="Reversals of the axes; outward is positive.")
 
 
-def _draw_chart(test: CircularTest) -> Figure:
-    """Draw the radial deviation of both paths on a circle, magnified, with their minimum zone."""
+def _draw_chart(test: CircularTest, limit: float) -> Figure:
+    """Draw the radial deviation of both paths on a circle, magnified, with their minimum zone and its limit [µm]."""
     paths = {"clockwise": test.clockwise, "counter-clockwise": test.counter_clockwise}
-    reach = UM * max(float(np.abs(trace.deviation).max()) for trace in paths.values())
+    largest = UM * max(float(np.abs(trace.deviation).max()) for trace in paths.values())
+    is_near = limit <= FAR * largest
+    reach = max(largest, limit) if is_near else largest
     division = _division(reach)
     rings = int(np.ceil(reach / division))
     with sheet(7.4, 7.9) as figure:
@@ -180,8 +184,18 @@ def _draw_chart(test: CircularTest) -> Figure:
         axes.plot(
             round_, np.zeros(round_.size), lw=1.6, color=INK, label=f"nominal, radius {test.clockwise.radius:g} mm"
         )
+        worst = max(paths.values(), key=lambda trace: float(np.abs(trace.deviation).max()))
+        k = int(np.abs(worst.deviation).argmax())
+        text = f"largest, {number_text(UM * worst.deviation[k], '+.1f')} µm"
+        place = (np.radians(worst.angle[k]), UM * worst.deviation[k])
+        axes.plot(*place, "v", ms=8, mfc="none", mew=1.6, color=COLOURS["fault"], ls="none", label=text)
+        words = limit_text(limit) if is_near else f"{limit_text(limit)}, beyond this scale"
+        for side in (1, -1):
+            drawn = round_ if is_near else round_[:0]
+            label = words if side > 0 else None
+            axes.plot(drawn, np.full(drawn.size, side * limit), lw=1.4, ls="--", color=BAD, label=label)
         steps = division * np.arange(-rings, rings + 1)
-        axes.set_yticks(steps, [f"{step:+g}" if step else "0" for step in steps])
+        axes.set_yticks(steps, [number_text(step, "+g") for step in steps])
         axes.tick_params(axis="y", labelsize=8)
         axes.set_rlabel_position(22.5)
         axes.set_ylim(-_INSIDE * rings * division, 1.05 * rings * division)
@@ -193,8 +207,11 @@ def _draw_chart(test: CircularTest) -> Figure:
     return figure
 
 
-def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reach: float) -> Figure:
-    """Draw the radial deviation over the angle, a panel per direction, and nozzle minus motors, (n,) [mm], below."""
+def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reach: float, limit: float) -> Figure:
+    """Draw the radial deviation over the angle, a panel per direction, and nozzle minus motors, (n,) [mm], below.
+
+    The panels of the directions have the limit [µm].
+    """
     with sheet(9.0, 7.2) as figure:
         *panels, last = figure.subplots(len(traces) + 1, sharex=True, height_ratios=(3,) * len(traces) + (2,))
         for panel, (name, trace) in zip(panels, traces.items(), strict=True):
@@ -210,7 +227,7 @@ def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reac
                 panel.plot(spike, top, "v" if reversal.spike > 0 else "^", ms=5, color=COLOURS["fault"])
                 right = spike < 180
                 panel.annotate(
-                    f"{UM * reversal.spike:+.1f}",
+                    number_text(UM * reversal.spike, "+.1f"),
                     (spike, top),
                     xytext=(7 if right else -7, -3),
                     textcoords="offset points",
@@ -221,6 +238,8 @@ def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reac
             panel.set_title(f"nozzle, run {name}", loc="right")
             panel.set_ylabel("outward [µm]")
         panels[-1].sharey(panels[0])
+        for panel in panels:
+            draw_limit(panel, limit)
         last.set_title("nozzle minus motors", loc="right")
         last.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
         last.set(xlabel="angle, counter-clockwise from +x [deg]", xlim=(0, 360), ylabel="outward [µm]")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,91 +14,13 @@ from gantrysim.report.document import Column, Table
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command, settings_text
 from gantrysim.study.cases import LIMIT_USE, OK, Row
 from gantrysim.study.drawing import series
+from gantrysim.study.loop.limits import LEVERS, SweepVerdicts, draw_limits, milliseconds, present_value
 from gantrysim.study.loop.plots import plots
 from gantrysim.study.loop.study import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS, LoopStudy
 from gantrysim.study.loop.trends import CONVERGING, EXCESS, convergence, crossing, knee, loop_knee, power
-from gantrysim.study.study import Details, Report
+from gantrysim.study.study import Details, Plot, Report
 
 # The answer of a loop study: the longest period and the coarsest resolution that keep the job's limits.
-
-
-@dataclass(frozen=True)
-class Lever:
-    """A swept setting of the job.
-
-    Attributes:
-        key: of the job, dotted.
-        noun: in the answer.
-        largest: adjective of its largest value.
-        text: returns a value with its unit.
-    """
-
-    key: str
-    noun: str
-    largest: str
-    text: Callable[[float], str]
-
-
-def milliseconds(seconds: float) -> str:
-    """Return a time as text."""
-    return f"{1e3 * seconds:.4g} ms"
-
-
-def _micrometres(millimetres: float) -> str:
-    return f"{1e3 * millimetres:.4g} µm"
-
-
-LEVERS = {
-    "loop_period": Lever("program.loop_period", "loop period", "longest", milliseconds),
-    "interpreter_time": Lever("program.interpreter_time", "interpreter time", "longest", milliseconds),
-    "servo_period": Lever("servo.period", "servo period", "longest", milliseconds),
-    "encoder_resolution": Lever("servo.resolution", "encoder resolution", "coarsest", _micrometres),
-}
-
-
-@dataclass(frozen=True)
-class SweepVerdicts:
-    """The verdicts on the unchanged job over a swept value.
-
-    Attributes:
-        lever: the swept setting.
-        verdicts: by its value, ascending; None for a case without a run that was judged.
-        scope: the limits that count.
-    """
-
-    lever: Lever
-    verdicts: dict[float, Acceptance | None]
-    scope: Scope
-
-    @property
-    def kept(self) -> list[float]:
-        """The values that keep the limits, ascending."""
-        return [value for value, verdict in self.judged.items() if self.scope.keeps(verdict)]
-
-    @property
-    def judged(self) -> dict[float, Acceptance]:
-        """The verdicts of the runs that were judged."""
-        return {value: verdict for value, verdict in self.verdicts.items() if verdict is not None}
-
-    @property
-    def nearest(self) -> float:
-        """The value with the smallest use of a limit; the largest of equal ones."""
-        return min(reversed(self.judged), key=lambda value: self.judged[value].use(self.scope.aspects))
-
-    @property
-    def kept_text(self) -> str:
-        """The values that keep the limits, as text."""
-        if not self.kept:
-            return "none"
-        stretches: list[list[float]] = [[]]
-        for value in self.verdicts:
-            if value in self.kept:
-                stretches[-1].append(value)
-            elif stretches[-1]:
-                stretches.append([])
-        text = self.lever.text
-        ranges = (f"{text(s[0])} to {text(s[-1])}" if len(s) > 1 else text(s[0]) for s in stretches if s)
-        return ", ".join(ranges)
 
 
 def question(study: LoopStudy) -> str:
@@ -121,7 +42,9 @@ def sweep_verdicts(study: LoopStudy, rows: Sequence[Row]) -> dict[str, SweepVerd
         if row["variant"] == AS_IT_IS and row["sweep"] in LEVERS:
             by_sweep.setdefault(str(row["sweep"]), {})[float(row["value"])] = Acceptance.of(row)  # type: ignore[arg-type]
     verdicts = [verdict for sweep in by_sweep.values() for verdict in sweep.values()]
-    present = {sweep: by_sweep[sweep].get(value) for sweep in by_sweep if (value := _present(study, sweep)) is not None}
+    present = {
+        sweep: by_sweep[sweep].get(value) for sweep in by_sweep if (value := present_value(study, sweep)) is not None
+    }
     scope = Scope.of(verdicts, next((verdict for verdict in present.values() if verdict is not None), None))
     return {
         sweep: SweepVerdicts(LEVERS[sweep], dict(sorted(by_sweep[sweep].items())), scope)
@@ -171,7 +94,7 @@ def _main(study: LoopStudy, sweeps: dict[str, SweepVerdicts], main: str) -> str:
     scope = sweep.scope
     if sweep.kept:
         largest = sweep.kept[-1]
-        present = _present(study, main)
+        present = present_value(study, main)
         value = largest if present is None or present not in sweep.kept else present
         verdict = sweep.judged[value]
         verb = "Keep" if value == present else "Set"
@@ -208,7 +131,7 @@ def answer_table(study: LoopStudy, sweeps: dict[str, SweepVerdicts], knees: dict
         knee = ", ".join(
             f"{value} ({variant})" for (title, variant), value in _split(knees) if title == sweep.lever.noun
         )
-        present = _present(study, name)
+        present = present_value(study, name)
         job_value = "–" if present is None else sweep.lever.text(present)
         nearest = sweep.lever.text(sweep.nearest)
         cells.append([SWEEPS[name], sweep.lever.key, job_value, sweep.kept_text, nearest, use, knee or "–"])
@@ -238,17 +161,6 @@ def _split(knees: dict[str, str]) -> list[tuple[tuple[str, str], str]]:
     return parts
 
 
-def _present(study: LoopStudy, sweep: str) -> float | None:
-    """Return the job's value of a swept setting; None where it has none of its own."""
-    if sweep == "servo_period":
-        return float(study.job.built_servo.period)
-    if sweep == "encoder_resolution":
-        axes = zip(study.job.built_machine.axes, study.job.built_servo.per_axis("resolution"), strict=True)
-        return next((resolution for axis, resolution in axes if axis.unit == "mm"), None)
-    value = study.job.program.get(sweep)
-    return float(value) if isinstance(value, float | int) else None
-
-
 _PER_CENT = 100.0
 _TURNED = 1.05  # over the least error: a significant rise
 _HIDING = 0.5  # of the contour error: a program error that hides the servo's
@@ -268,13 +180,22 @@ def report(study: LoopStudy, rows: Sequence[Row]) -> Report:
     tables += _convergence_table(rows)
     knees = {f"{sweep} ({variant})": value for sweep, variant, result, value in lines if result == "knee"}
     drawn = plots(study, rows)
+    sweeps = sweep_verdicts(study, rows)
     main = main_sweep(study)
     chart = next((plot for plot in drawn if plot.name == main), None)
+    if sweeps:
+        chart = Plot(
+            "limits",
+            "Use of the closest limit",
+            "The job as it is, with one setting changed at a time: below the dashed line, at 100 %, it keeps its "
+            "limits. The dotted line is the job's own value.",
+            draw_limits(study, sweeps),
+        )
     return Report(
         question(study),
         loop_answer(study, rows, knees),
         chart,
-        answer_table(study, sweep_verdicts(study, rows), knees),
+        answer_table(study, sweeps, knees),
         Details(_notes(study, rows), tables, [plot for plot in drawn if plot is not chart]),
     )
 

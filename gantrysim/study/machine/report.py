@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import number_text
 from gantrysim.machine.tolerances import in_words
 from gantrysim.report.document import Column, Table
 from gantrysim.report.plots.style import sheet
@@ -358,7 +359,7 @@ def _draw_influence(factors: list[Influence]) -> Figure:
             axes.barh(k, coefficient, color=colour, alpha=0.9 if influence.clear else 0.25, height=0.7)
             end = coefficient + (0.015 if coefficient >= 0 else -0.015)
             side = "left" if coefficient >= 0 else "right"
-            axes.text(end, k, f"{round(coefficient, 2) + 0.0:+.2f}", va="center", ha=side, fontsize=9)
+            axes.text(end, k, number_text(coefficient, "+.2f"), va="center", ha=side, fontsize=9)
         axes.axvline(0, color=INK, lw=0.8)
         axes.set_yticks(range(len(factors)), [in_words(influence.factor) for influence in factors])
         axes.invert_yaxis()

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, whole
+from gantrysim.base.errors import InputError, whole_number
 from gantrysim.job.job import check_job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
@@ -44,12 +44,12 @@ class MachineStudy(ToleranceStudy):
 
     def __post_init__(self) -> None:
         check_job(self.job)
-        whole("seed", self.seed, 0)
+        whole_number("seed", self.seed, 0)
         _ = self.criterion
         if not self.spread.columns(self.job.built_machine):
             raise InputError("spread: must be above 0 for at least one factor")
         count = len(self.spread.columns(self.job.built_machine))
-        if whole("samples", self.samples, 1) < count + 3:
+        if whole_number("samples", self.samples, 1) < count + 3:
             raise InputError(f"samples = {self.samples}: must be at least {count + 3}, for {count} factors")
         if self.samples > _MOST_SAMPLES:
             raise InputError(f"samples = {self.samples}: must be at most {_MOST_SAMPLES}")

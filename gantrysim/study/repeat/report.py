@@ -12,9 +12,9 @@ from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.metrics.parts import PART_PLACE
 from gantrysim.report.document import Column, Table
-from gantrysim.report.plots.style import COLOURS, UM, colour_map, sheet
+from gantrysim.report.plots.style import COLOURS, UM, colour_map, draw_limit, sheet
 from gantrysim.results.colours import INK, MAGNITUDE, RUNS
-from gantrysim.study.acceptance import Acceptance, Scope, improve_command
+from gantrysim.study.acceptance import Acceptance, Scope, improve_command, path_limit
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.repeat.study import ALL, PHASES, RepeatStudy, has_phase
 from gantrysim.study.study import Details, Plot, Report
@@ -83,8 +83,9 @@ def report(study: RepeatStudy, rows: Sequence[Row]) -> Report:
         "along",
         "Along the path",
         "Above, the distance from the requested path to the mean of the repeats, with the circle of repeatability "
-        "as a band. Below, the repeatability with everything varied and with each source alone.",
-        _draw_along(paths),
+        "as a band, and the largest error that the job's tolerance admits. Below, the repeatability with everything "
+        "varied and with each source alone.",
+        _draw_along(paths, UM * path_limit(study.job)),
     )
     plan = Plot("plan", "On the plan", "The path coloured by the repeatability.", _draw_plan(paths[ALL]))
     axes = study.positioning
@@ -159,8 +160,8 @@ def _variation_table(study: RepeatStudy) -> Table:
     return Table(["source", "variation"], rows, caption=f"Variation from repeat to repeat, seed {study.seed}.")
 
 
-def _draw_along(paths: dict[str, RepeatedPath]) -> Figure:
-    """Draw accuracy and repeatability along the path, and the repeatability by varied source."""
+def _draw_along(paths: dict[str, RepeatedPath], limit: float) -> Figure:
+    """Draw accuracy and repeatability along the path with their limit [µm], and the repeatability by varied source."""
     path = paths[ALL]
     accuracy = UM * path.accuracy
     reach = UM * path.repeatability
@@ -181,6 +182,8 @@ def _draw_along(paths: dict[str, RepeatedPath]) -> Figure:
         below.set(ylabel="repeatability [µm]", xlabel="arc length along the requested path [mm]")
         for axes in (above, below):
             axes.set_ylim(bottom=0)
+        draw_limit(above, limit, signed=False)
+        for axes in (above, below):
             axes.set_xlim(path.s[0], path.s[-1])
             axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=9, borderaxespad=0.2)
     return figure

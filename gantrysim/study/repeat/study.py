@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, at_least, whole
+from gantrysim.base.errors import InputError, at_least, whole_number
 from gantrysim.engine.simulate import simulate
 from gantrysim.job.job import Job, check_job
 from gantrysim.machine.perturbation import Perturbation
@@ -246,10 +246,10 @@ class RepeatStudy(Study):
 
     def __post_init__(self) -> None:
         check_job(self.job)
-        if whole("repeats", self.repeats, 2) > _MOST_REPEATS:
+        if whole_number("repeats", self.repeats, 2) > _MOST_REPEATS:
             raise InputError(f"repeats = {self.repeats}: must be at most {_MOST_REPEATS}")
-        whole("places", self.places, 2)
-        whole("seed", self.seed, 0)
+        whole_number("places", self.places, 2)
+        whole_number("seed", self.seed, 0)
         # factors beyond e to the fourth are no friction
         at_least("friction", self.friction, 0, most=_WIDEST)
 

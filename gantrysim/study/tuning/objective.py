@@ -150,7 +150,7 @@ def _values(run: Run, job: Job, metric: str) -> Row:
     for error, size in sizes.items():
         spread = ErrorSpread.of(size)
         for statistic in _STATISTICS:
-            row[error.statistic(statistic).key] = error.scaled(getattr(spread, statistic.name))
+            row[error.statistic(statistic).key] = error.in_unit(getattr(spread, statistic.name))
     # of the nominal motor, as the drive has it
     peak = np.array([axis.peak_torque for axis in job.built_machine.axes])
     return {**row, RIPPLE: 100 * float((torque_ripple(run) / peak).max())}

@@ -275,8 +275,8 @@ def _results_table(study: TuningStudy, rows: Sequence[Row], history: History) ->
         margins = study.stability.worst(candidate.servo)
         result = {
             f"{metric}, {machines(study)} [µm]": _finite(candidate.metric),
-            f"{CONTOUR.phrase(RMS)}, job's machine [{CONTOUR.unit}]": CONTOUR.scaled(values.rms) if values else None,
-            f"{CONTOUR.phrase(MAX)}, job's machine [{CONTOUR.unit}]": CONTOUR.scaled(values.max) if values else None,
+            f"{CONTOUR.phrase(RMS)}, job's machine [{CONTOUR.unit}]": CONTOUR.in_unit(values.rms) if values else None,
+            f"{CONTOUR.phrase(MAX)}, job's machine [{CONTOUR.unit}]": CONTOUR.in_unit(values.max) if values else None,
             GAIN_MARGIN_ALONE.head: min(axis.gain for axis in margins),
             PHASE_MARGIN.head: min(axis.phase for axis in margins),
             SENSITIVITY.head: max(axis.sensitivity for axis in margins),
@@ -351,7 +351,7 @@ def _margins_table(study: TuningStudy, history: History) -> Table:
     cells: list[list[Any]] = []
     for a, name in enumerate(study.job.built_machine.axis_names):
         for phase, margins in worst.items():
-            cells.append([name, phase, *(quantity.scaled(quantity.get(margins[a])) for quantity in shown)])
+            cells.append([name, phase, *(quantity.in_unit(quantity.get(margins[a])) for quantity in shown)])
     return Table(
         ["axis", "", *map(Column.of, shown)],
         cells,

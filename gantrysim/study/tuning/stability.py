@@ -20,7 +20,7 @@ from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError, finite
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.stability.margins import Margins, Plant
+from gantrysim.servo.stability.margins import Margins, Plant, sensitivities
 from gantrysim.servo.stability.motion import Drives
 from gantrysim.study.tuning.space import SearchSpace
 
@@ -96,7 +96,8 @@ class Stability:
         self.machines = len(machines)
         self._plants = [Plant.of(machine, period, delay, drives=drives) for machine in machines]
         self._margins: dict[tuple[Servo, int], tuple[Margins, ...]] = {}
-        self._excess: dict[tuple[Servo, int], Floats] = {}
+        # by servo and machine
+        self._excesses: dict[Servo, dict[int, Floats]] = {}
 
     def margins(self, servo: Servo, machine: int = 0) -> tuple[Margins, ...]:
         """Return the margins of every axis on one of the machines."""
@@ -142,18 +143,20 @@ class Stability:
             machines: numbers of the machines, by default all.
         """
         chosen = range(self.machines) if machines is None else machines
-        return np.max([self._excess_on(servo, machine) for machine in chosen], axis=0)
+        return self._excesses_on(servo, chosen).max(axis=0)
 
-    def _excess_on(self, servo: Servo, machine: int) -> Floats:
-        """Return the excess on one of the machines; the slower margins are computed where a loop is unstable."""
-        key = servo, machine
-        if key not in self._excess:
-            peaks = self._plants[machine].sensitivity(servo)
-            if np.isfinite(peaks).all():
-                self._excess[key] = np.log(np.maximum(peaks, _MIN_GAIN) / self.peak)
-            else:
-                self._excess[key] = np.array([self._excess_of(margins) for margins in self.margins(servo, machine)])
-        return self._excess[key]
+    def _excesses_on(self, servo: Servo, machines: Sequence[int]) -> Floats:
+        """Return the excess on each of some machines, (machines, axes); where a loop is unstable, of its margins."""
+        known = self._excesses.setdefault(servo, {})
+        missing = [machine for machine in machines if machine not in known]
+        if missing:
+            peaks = sensitivities([self._plants[machine] for machine in missing], servo)
+            for machine, of_axes in zip(missing, peaks, strict=True):
+                if np.isfinite(of_axes).all():
+                    known[machine] = np.log(np.maximum(of_axes, _MIN_GAIN) / self.peak)
+                else:
+                    known[machine] = np.array([self._excess_of(margins) for margins in self.margins(servo, machine)])
+        return np.array([known[machine] for machine in machines])
 
     def _excess_of(self, margins: Margins) -> float:
         if margins.stable:
@@ -179,7 +182,7 @@ class Stability:
             if edge.excess > 0:
                 return edge
             servo = space.servo(edge.frequencies, shape)
-            excess = [float(self.excess(servo, [k]).max()) for k in range(self.machines)]
+            excess = self._excesses_on(servo, range(self.machines)).max(axis=1).tolist()
             worst = int(np.argmax(excess))
             if excess[worst] <= 0:
                 return Fastest(edge.frequencies, binding=(max(binding, key=lambda k: excess[k]),))

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from importlib.metadata import version
 from typing import Any
 
-from gantrysim.base.errors import InputError, positive, unknown, whole
+from gantrysim.base.errors import InputError, positive, unknown, whole_number
 from gantrysim.engine.linear import Engine, difference_note
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import simulate
@@ -102,7 +102,7 @@ class TuningStudy(Study):
         if self.metric not in METRICS:
             raise unknown("metric", self.metric, METRICS)
         for name, least, most in _BOUNDS:
-            if whole(name, getattr(self, name), least) > most:
+            if whole_number(name, getattr(self, name), least) > most:
                 raise InputError(f"{name} = {getattr(self, name)}: must be at most {most}")
         positive("ripple", self.ripple, "%")
         sensitivity_bound(self.margin)

@@ -247,6 +247,11 @@ def test_a_drawing_without_units_is_in_mm_and_says_so():
         drawing = Drawing(dxf(line((0, 0), (2, 0)), insunits=insunits))
         assert drawing.requested.length == 2
         assert any("$INSUNITS" in note for note in drawing.notes)
+    # as many a program writes it: the entities alone
+    plain = dxf(line((0, 0), (2, 0)))
+    bare = Drawing("0\nSECTION\n" + plain[plain.index("2\nENTITIES") :])
+    assert bare.requested.length == 2
+    assert any("$INSUNITS" in note for note in bare.notes)
     with pytest.raises(InputError, match=r"\$INSUNITS = 99: must be one of 1, 2, 3"):
         Drawing(dxf(line((0, 0), (2, 0)), insunits=99))
 

@@ -147,10 +147,40 @@ def test_glue_that_flows_after_the_lift_is_a_string(xyz, wait):
 
 def test_the_place_of_a_dot_is_that_of_its_glue(xyz):
     bead = followed(xyz, mill(DOT.format(10)))
-    moved = Bead(replace(bead.run, nozzle=bead.run.nozzle + np.array([0.3, -0.4, 0.0])))
+    moved = Bead(replace(bead.run, nozzle=bead.run.nozzle + np.array([0.3, -0.4, 0.05])))
     (dot,) = moved.dots
     assert dot.place_error == pytest.approx(0.5, rel=1e-9)
-    assert dot.place[:2] == pytest.approx((10.3, 9.6), abs=1e-6)
+    assert dot.place == pytest.approx((10.3, 9.6, 0.05), abs=1e-6)
+    # the work stays where it is
+    assert dot.foot == pytest.approx((10.3, 9.6, -bead.gap), abs=1e-6)
+
+
+@pytest.mark.parametrize(("share", "dots"), [(0.8, 0), (1.2, 1)])
+def test_a_bead_that_begins_in_a_dot_has_its_glue(xyz, share, dots):
+    """Also where the dot is wider than the needle's face."""
+    radius = Cap.of(FLOW * 0.5, BeadSettings()).radius
+    text = f"G0 X10 Y10\nG0 Z0\nM3\nG4 P0.5\nM5\nG0 X{10 + share * radius}\nM3\nG1 X30 F1200\nM5"
+    bead = followed(xyz, mill(text))
+    assert 0.8 * radius > 0.5 * bead.run.face
+    assert len(bead.dots) == dots
+
+
+@pytest.mark.parametrize(("share", "dots"), [(0.6, 1), (1.4, 0)])
+def test_a_needle_that_stays_over_its_own_face_lays_a_dot(xyz, share, dots):
+    """Also one that is narrower than the face: 0.001 mm³ in 0.2 s."""
+    way = share * followed(xyz, mill(DOT.format(10))).run.face
+    bead = followed(xyz, mill(f"G0 X10 Y10\nG0 Z0\nM3\nG4 P0.2\nG1 X{10 + way} F1200\nM5\nG0 Z2"), flow=0.005)
+    assert 2 * Cap.of(0.005 * 0.3, BeadSettings()).radius < way
+    assert len(bead.dots) == dots
+
+
+def test_what_flows_late_belongs_to_the_dot_that_was_switched_off(xyz):
+    """Up to the middle between two dots, of which the first has 0.2 s, the other 0.1 s."""
+    lag = 0.02
+    text = DOT.format(10) + DOT.replace("P0.2", "P0.1").format(30)
+    bead = followed(xyz, mill(text), closing=lag)
+    glue = [dot.volume + dot.string for dot in bead.dots]
+    assert glue == pytest.approx([FLOW * (0.2 + lag), FLOW * (0.1 + lag)], rel=1e-3)
 
 
 def test_dots_lie_on_the_map_as_caps_with_their_volume(xyz):

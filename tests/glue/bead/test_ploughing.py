@@ -160,6 +160,12 @@ def test_a_path_that_crosses_its_bead_while_it_dispenses_ploughs_it():
     assert abs(bead.run.nozzle[ploughing.tick, 1]) < half_chord(0.0) + FACE
 
 
+def test_the_place_of_a_pass_while_it_dispenses_is_not_in_the_dry_move_behind_it():
+    """The needle sinks on its way back along the bead, and is deepest where it no longer dispenses."""
+    bead = bead_of(((-20, 0, 0.2), False), ((20, 0, 0.1), True), ((-15, 0, 0), True), ((-16, 0, -0.05), False))
+    assert bead.run.dispense[ploughed(bead).tick - 1]
+
+
 def test_a_pressed_bead_has_its_top_at_the_needle_which_touches_it():
     """Less glue than the face presses flat is no higher than the gap: a dry move at this height touches it."""
     pressed = BeadSettings(contact_angle=60.0)

@@ -349,3 +349,47 @@ def test_values_of_another_kind_are_refused(arguments, text):
 def test_bad_values_are_refused(kind, arguments, text):
     with pytest.raises(InputError, match=text):
         kind(**arguments)
+
+
+def test_a_motor_turns_back_no_faster_than_forwards():
+    """A closing with an advance pulls back what was under pressure, at the motor's top speed."""
+    on = np.zeros(600, bool)
+    on[100:300] = True
+    piston = Piston(charge=math.inf)
+    motor = Motor(top_speed=60.0 / piston.unit)  # 60 mm³/s
+    dispenser = Dispenser(area=AREA, kind="piston", needle=NEWTONIAN, piston=piston, motor=motor, advance=0.1)
+    rate = dispenser.driven(on, np.where(on, 50.0, 0.0), PERIOD, Material()).moved.rate
+    assert rate.max() == pytest.approx(60.0)
+    assert rate.min() == pytest.approx(-60.0)
+
+
+def test_what_flows_after_the_stop_is_stored_in_the_glue_that_is_left():
+    """x = (C0 + V / B) p, with p = Q / C of the needle: 80 of 100 mm³ are displaced by then."""
+    on = np.zeros(9000, bool)
+    on[:2000] = True
+    piston = Piston(charge=0.1, compliance=0.02, bulk_modulus=1.0)
+    dispenser = Dispenser(area=AREA, kind="piston", needle=NEWTONIAN, piston=piston)
+    flow = dispenser.flows(on, np.where(on, 50.0, 0.0), PERIOD)
+    compliance = 0.02 + (100.0 - 80.0) / 1e3
+    stored = compliance * flow[1999] / NEWTONIAN.conductance
+    assert flow.sum() * PERIOD == pytest.approx(80.0, rel=1e-6)
+    assert flow[2000:].sum() * PERIOD == pytest.approx(stored, rel=0.01)
+
+
+def test_a_pump_s_slip_shortens_its_lag():
+    """Of a Newtonian glue dx / (g p + Q), with x = C0 p, is C0 / (g + C) at every flow."""
+    drive = Dispenser(area=AREA, kind="volumetric", needle=NEWTONIAN, pump=Pump(leak=0.05, compliance=0.01)).drive
+    lag = 0.01 / (0.05 + NEWTONIAN.conductance)
+    assert drive.lags(16.0) == pytest.approx((lag, lag), rel=1e-6)
+
+
+def test_a_pump_that_stalls_leaks_and_drives_the_flow_of_its_limit():
+    """Half the pressure of the flow is all that its torque holds: C p through the needle, g p back."""
+    on = np.ones(3000, bool)
+    limit = 0.5 * float(NEWTONIAN.pressure(AREA * 50))
+    pump = Pump(displacement=50.0, torque=limit * 50.0 / (2e6 * math.pi), leak=0.02, compliance=0.01)
+    dispenser = Dispenser(area=AREA, kind="volumetric", needle=NEWTONIAN, pump=pump)
+    result = dispenser.driven(on, np.full(3000, 50.0), PERIOD, Material())
+    assert result.out.pressure[-1] == pytest.approx(limit)
+    assert result.out.flow[-1] == pytest.approx(NEWTONIAN.conductance * limit)
+    assert result.out.lost[-1] == pytest.approx((AREA * 50 - (NEWTONIAN.conductance + 0.02) * limit) * PERIOD)

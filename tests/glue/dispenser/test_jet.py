@@ -91,3 +91,11 @@ def test_drops_that_a_jet_loses_are_counted_at_once():
         assert int(note.split()[3]) == pytest.approx(due - shot, abs=10)
     with pytest.raises(InputError, match=r"drop of the jet = 1e-09 mm³: must be at least 1e-06 mm³"):
         Jet(drop=1e-9)
+
+
+def test_a_jet_takes_back_no_drop_where_its_advance_falls_below_zero():
+    """Twice 200 ms at 2 mm³/s, each with 0.05 s · 2 mm³/s on top as it begins: 1 mm³ is 50 drops."""
+    speed = np.repeat([0.0, 50.0, 0.0, 50.0, 0.0], [10, 200, 50, 200, 50])
+    jet = Dispenser(area=0.04, kind="jet", jet=Jet(drop=0.02, top_rate=1e5), advance=0.05)
+    flow = jet.flows(np.ones(speed.size, bool), speed, PERIOD)
+    assert flow.sum() * PERIOD == pytest.approx(50 * 0.02)

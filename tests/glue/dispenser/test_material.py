@@ -93,3 +93,14 @@ def test_a_job_that_states_its_amount_keeps_it():
     other = Job.load("slicer-square", {"dispenser.area": 0.0, "dispenser.filament": 1.75})
     run = other.follow()
     assert run.flow[:-1].sum() * run.period == pytest.approx(10.64 * SECTION, rel=1e-9)
+
+
+def test_an_output_below_zero_lays_nothing():
+    """As -5 V at an analogue output: no controller asks a valve for less than no flow."""
+    on = np.ones(6, bool)
+    material = Material(analogue=np.array([2.0, 2.0, -5.0, -5.0, 1.0, 1.0]))
+    for kind in ({}, {"kind": "jet"}):
+        demand = Dispenser(per_output=3.0, **kind).flow_demand(on, np.zeros(6), PERIOD, material)
+        np.testing.assert_array_equal(demand, [6.0, 6.0, 0.0, 0.0, 3.0, 3.0])
+    flow = Dispenser(per_output=3.0).flows(on, np.zeros(6), PERIOD, material)
+    np.testing.assert_allclose(flow, [6.0, 6.0, 0.0, 0.0, 3.0, 3.0])

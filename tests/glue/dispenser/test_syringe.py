@@ -148,7 +148,8 @@ def test_at_constant_volume_the_pressure_has_a_closed_form():
     """A needle that hardly lets glue through, Newtonian: the flow is the pressure times its conductance."""
     needle, syringe = Needle(0.1, 25.0, 1.0, 1.0), Syringe(fill=0.5)
     flow = pulse(syringe, needle, on=100)
-    constant, b, supply = syringe.time_constant(), syringe.critical_ratio, PRESSURE + ATMOSPHERE
+    constant = syringe.air / syringe.rate  # V / (C p0)
+    b, supply = syringe.critical_ratio, PRESSURE + ATMOSPHERE
     assert constant == pytest.approx((6.0 + 5.0) / 0.35 * 1e-3, rel=1e-12)
     start = math.asin((ATMOSPHERE / supply - b) / (1 - b))
     for tick in (3, 20, 99):
@@ -172,7 +173,7 @@ def test_only_the_volume_per_conductance_counts(scale, conductance):
     """As long as little glue flows."""
     thin, one = Needle("30G"), Syringe(dead_volume=20.0, conductance=conductance)
     other = replace(one, dead_volume=20.0 * scale, conductance=conductance * scale)
-    assert other.time_constant() == pytest.approx(one.time_constant())
+    assert other.air / other.rate == pytest.approx(one.air / one.rate)
     expected = pulse(one, thin, on=30)
     assert pulse(other, thin, on=30) == pytest.approx(expected, rel=1e-3, abs=1e-3 * expected.max())
 
@@ -240,3 +241,12 @@ def test_extreme_syringes_cause_no_error():
         flow = pulse(syringe, opening=1e-9, closing=1e-9)
         assert np.isfinite(flow).all()
         assert flow.min() >= 0
+
+
+def test_the_glue_ends_at_the_end_of_the_tick_that_takes_its_last():
+    """The valve's pressure at once, so that V / Q = 123.4 ticks."""
+    flow = float(NEEDLE.flow(PRESSURE))
+    syringe = Syringe(volume=123.4 * PERIOD * flow / 1e3, dead_volume=0.05, conductance=1e4)
+    dispenser = Dispenser(pressure=PRESSURE, metering="time-pressure", needle=NEEDLE, syringe=syringe)
+    (note,) = dispenser.notes(np.ones(300, bool), np.zeros(300), PERIOD)
+    assert note.endswith("mm³ runs empty at t = 0.124 s")

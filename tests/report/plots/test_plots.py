@@ -25,7 +25,7 @@ from gantrysim.report.plots import pictures
 from gantrysim.report.plots.budget import stack_bars
 from gantrysim.report.plots.causes import draw_causes
 from gantrysim.report.plots.spacing import draw_spacing
-from gantrysim.report.plots.style import sheet
+from gantrysim.report.plots.style import draw_limit, sheet
 
 from support.jobs import job_run
 from support.runs import turn, turntable
@@ -302,6 +302,19 @@ def test_gaps_are_drawn_above_zero_and_overlaps_below_it(bead, analysis):
         assert (sign * heights).max() == pytest.approx(0.5, abs=0.01)
         assert (sign * heights).min() > -0.02
     assert not np.array_equal(drawn["gap"].get_facecolor(), drawn["overlap"].get_facecolor())
+
+
+@pytest.mark.parametrize("signed", [True, False])
+def test_a_limit_is_drawn_or_where_it_is_far_beyond_the_scale_said(signed):
+    for largest, limit, is_near in ((50.0, 82.0, True), (5.0, 82.0, False)):
+        axes = Figure().add_subplot()
+        axes.plot([0, 1], [-largest if signed else 0, largest])
+        draw_limit(axes, limit, signed=signed)
+        drawn = [line.get_ydata()[0] for line in axes.lines[1:]]
+        assert drawn == (([82, -82] if signed else [82]) if is_near else [])
+        assert bool(axes.get_ylim()[1] > limit) is is_near
+        texts = [text.get_text() for text in axes.texts]
+        assert texts == ([] if is_near else [f"limit {'± ' if signed else ''}82 µm, beyond this scale"])
 
 
 def test_the_height_of_a_plan_view_follows_its_content():

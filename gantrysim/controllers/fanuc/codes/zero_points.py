@@ -35,7 +35,7 @@ def g68(state: ModalState, words: Words) -> list[Block]:
     if "R" not in words.values:
         raise words.fail(9, "G68 must have R, the angle of the turn [deg]")
     degrees = words.values.pop("R")
-    place = state.turn.programmed(state.program_place)
+    place = state.turn.programmed_point(state.program_place)
     for axis, length in _taken_lengths(state, words).items():
         place[axis] = length
     first, second, _ = PLANES[state.plane]
@@ -72,10 +72,14 @@ def g28(state: ModalState, words: Words) -> list[Block]:
     """Rapid moves of the given axes to the initial position, by way of the end."""
     lengths = _taken_lengths(state, words)
     way = tuple(state.end(lengths.get(axis), axis) for axis in range(3))
-    home = tuple(state.home[axis] if axis in lengths else None for axis in range(3))
+    places = list(state.home)
+    # the reference point of z is above the work: the needle does not go down to the initial height
+    height = state.here[2] if way[2] is None else way[2]
+    places[2] = state.upward * max(state.upward * places[2], state.upward * height)
+    home = tuple(places[axis] if axis in lengths else None for axis in range(3))
     moves: list[Block] = [Rapid(end=end, plane=state.plane, exact_stop=True, dispense=False) for end in (way, home)]
     for axis in lengths:
-        state.here[axis] = state.home[axis]
+        state.here[axis] = places[axis]
     return moves
 
 

@@ -46,54 +46,54 @@ def m73(state: ProgramState, block: WordBlock) -> None:
     state.save_modes(restored=True)
 
 
-@without_effect(_LINUXCNC)
+@without_effect(_LINUXCNC, halts=True)
 def m0(state: ProgramState, block: WordBlock) -> None:
     """Pause."""
 
 
-@without_effect(_LINUXCNC)
+@without_effect(_LINUXCNC, halts=True)
 def m1(state: ProgramState, block: WordBlock) -> None:
     """Pause, if the operator wants it."""
 
 
-@without_effect(_LINUXCNC)
+@without_effect(_LINUXCNC, halts=True)
 def m3(state: ProgramState, block: WordBlock) -> None:
     """Spindle clockwise."""
 
 
-@without_effect(_LINUXCNC)
+@without_effect(_LINUXCNC, halts=True)
 def m4(state: ProgramState, block: WordBlock) -> None:
     """Spindle counter-clockwise."""
 
 
-@without_effect(_LINUXCNC)
+@without_effect(_LINUXCNC, halts=True)
 def m5(state: ProgramState, block: WordBlock) -> None:
     """Spindle off."""
 
 
-@auxiliary(_LINUXCNC)
+@auxiliary(_LINUXCNC, halts=True)
 def m6(state: ProgramState, block: WordBlock) -> None:
     """Change to the tool T: no motion, but its diameter and length are those in force."""
     _put_in_spindle(state, state.tools.selected, "M6")
     state.take_place()
 
 
-@without_effect(_LINUXCNC)
+@without_effect(_LINUXCNC, halts=True)
 def m7(state: ProgramState, block: WordBlock) -> None:
     """Mist on."""
 
 
-@without_effect(_LINUXCNC)
+@without_effect(_LINUXCNC, halts=True)
 def m8(state: ProgramState, block: WordBlock) -> None:
     """Coolant on."""
 
 
-@without_effect(_LINUXCNC)
+@without_effect(_LINUXCNC, halts=True)
 def m9(state: ProgramState, block: WordBlock) -> None:
     """Mist and coolant off."""
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, halts=True)
 def m19(state: ProgramState, block: WordBlock) -> None:
     """Spindle to an angle."""
 
@@ -118,17 +118,17 @@ def m51(state: ProgramState, block: WordBlock) -> None:
     """Override of the spindle's speed on or off."""
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, halts=True)
 def m52(state: ProgramState, block: WordBlock) -> None:
     """Adaptive feed on or off."""
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, halts=True)
 def m53(state: ProgramState, block: WordBlock) -> None:
     """Feed stop on or off."""
 
 
-@without_effect(_LINUXCNC)
+@without_effect(_LINUXCNC, halts=True)
 def m60(state: ProgramState, block: WordBlock) -> None:
     """Pause for a change of the pallet."""
 
@@ -157,17 +157,17 @@ def m63(state: ProgramState, block: WordBlock) -> None:
     """Output off, with the next motion."""
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, halts=True)
 def m64(state: ProgramState, block: WordBlock) -> None:
     """Output on at once."""
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, halts=True)
 def m65(state: ProgramState, block: WordBlock) -> None:
     """Output off at once."""
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, halts=True)
 def m66(state: ProgramState, block: WordBlock) -> None:
     """Wait for an input."""
 
@@ -178,7 +178,7 @@ def m67(state: ProgramState, block: WordBlock) -> None:
     _set_analogue(state, block, "M67")
 
 
-@auxiliary(_LINUXCNC)
+@auxiliary(_LINUXCNC, halts=True)
 def m68(state: ProgramState, block: WordBlock) -> None:
     """Analogue output E at the value Q, at once."""
     _set_analogue(state, block, "M68")
@@ -192,6 +192,6 @@ def _set_analogue(state: ProgramState, block: WordBlock, name: str) -> None:
     block.drop("EQ")
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, names=[f"M{number}" for number in range(100, 200)])
+@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, names=[f"M{number}" for number in range(100, 200)], halts=True)
 def user_defined(state: ProgramState, block: WordBlock) -> None:
     """M100 to M199: commands of the user's own."""

@@ -48,6 +48,7 @@ class Code:
         straight: whether a motion is along a line, as G53 needs.
         is_cycle: whether a motion is a canned cycle.
         shares_words: whether the words that an action leaves are those of a motion beside it.
+        halts: whether an M code is carried out at rest, after the moves before it.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Code:
     straight: bool = False
     is_cycle: bool = False
     shares_words: bool = False
+    halts: bool = False
 
 
 CODES: dict[str, dict[str, Code]] = {dialect.name: {} for dialect in ALL}  # by dialect and name
@@ -99,12 +101,12 @@ def action(dialects: Dialects = ALL, shares_words: bool = False) -> Decorator:
     return add
 
 
-def auxiliary(dialects: Dialects = ALL) -> Decorator:
-    """Add an M code."""
+def auxiliary(dialects: Dialects = ALL, halts: bool = False) -> Decorator:
+    """Add an M code, which is carried out at rest or not."""
 
     def add(handler: Handler) -> Handler:
         name, meaning = _described_code(handler)
-        return _added_code(dialects, Code(name, Kind.AUXILIARY, meaning, handler))
+        return _added_code(dialects, Code(name, Kind.AUXILIARY, meaning, handler, halts=halts))
 
     return add
 
@@ -119,19 +121,22 @@ def command(dialects: Dialects = (SLICER,)) -> Decorator:
     return add
 
 
-def without_effect(dialects: Dialects = ALL, takes: str = "", names: Iterable[str] = ()) -> Decorator:
+def without_effect(
+    dialects: Dialects = ALL, takes: str = "", names: Iterable[str] = (), halts: bool = False
+) -> Decorator:
     """Add a code without an effect on the path, which is counted; the function is not called.
 
     Args:
         dialects: that have the code.
         takes: letters whose words belong to it.
         names: of a family of codes; by default that of the function.
+        halts: whether it is carried out at rest.
     """
 
     def add(handler: Handler) -> Handler:
         function_name, meaning = _described_code(handler)
         for name in names or (function_name,):
-            _added_code(dialects, Code(name, _kind(name), meaning, None, takes=takes))
+            _added_code(dialects, Code(name, _kind(name), meaning, None, takes=takes, halts=halts))
         return handler
 
     return add

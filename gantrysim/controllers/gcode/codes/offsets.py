@@ -62,7 +62,12 @@ def _go_to_stored(state: ProgramState, block: WordBlock, name: str) -> None:
         state.rapid_to(frames.end(block.values, in_machine=False))
     else:
         named = [True] * 3
-    stored = zip(frames.stored[name], frames.here, named, strict=True)
+    place = list(frames.stored[name])
+    if place == list(state.moves.start):
+        # nobody stored it: the reference point of z is above the work, and the needle does not go down to the start's
+        upward = state.setup.upward
+        place[2] = upward * max(upward * place[2], upward * frames.here[2])
+    stored = zip(place, frames.here, named, strict=True)
     state.rapid_to([target if moves else here for target, here, moves in stored])
 
 

@@ -30,6 +30,11 @@ def g32(state: ProgramState, block: WordBlock) -> None:
     """Measure the bed with its screws."""
 
 
+@without_effect(_SLICER, names=("M0", "M1", "M400"), halts=True)
+def m400(state: ProgramState, block: WordBlock) -> None:
+    """Wait for the moves before, and with M0 and M1 for the operator."""
+
+
 @without_effect(_SLICER)
 def m84(state: ProgramState, block: WordBlock) -> None:
     """Motors off."""

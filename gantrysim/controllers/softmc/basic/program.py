@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, at_least, finite, positive, whole
+from gantrysim.base.errors import InputError, at_least, finite, positive, whole_number
 from gantrysim.controllers.basic.code import Code
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
@@ -92,9 +92,9 @@ class Basic(Controller):
                 raise InputError(f"start = {start}: must be 2 to {len(self.coordinates)} numbers")
             object.__setattr__(self, "start", start)
         at_least("line_time", self.line_time, 0, "s")
-        whole("output", self.output, 0)
+        whole_number("output", self.output, 0)
         positive("override", self.override, "%")
-        whole("max_statements", self.max_statements, 1)
+        whole_number("max_statements", self.max_statements, 1)
         if all(leg.path.piece is None for leg in self._legs):
             raise SoftMCError("program moves none of x, y, z: must have at least one command that does")
 
@@ -245,4 +245,4 @@ def _run_all(tree: Node, execution: Execution) -> None:
             parts.append((execution.shared, code_of([item])))
     for variables, code in parts:
         execution.run(code, variables)
-    execution.time.rest(execution.clock.line)
+    execution.time.fill_rest(execution.clock.line)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
 
-from gantrysim.base.errors import unknown, whole
+from gantrysim.base.errors import unknown, whole_number
 from gantrysim.controllers.softmc.basic.values import Element, Value, number
 from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.controllers.softmc.group import PROFILE_TYPES, Group
@@ -199,7 +199,7 @@ def group_of(properties: dict[str, Any], group: Group, path: bool, override: flo
         smooth=p["smooth"] if profile == "smooth" else 0,
         absolute=bool(p["abs"]),
         position_error=p["pemax"],
-        position_error_delay=whole("PositionErrorDelay", p["positionerrordelay"], 0),
+        position_error_delay=whole_number("PositionErrorDelay", p["positionerrordelay"], 0),
         settle_error=p["positionerrorsettle"],
         settle_time=1e-3 * p["timesettle"],
         settle_timeout=max(group.settle_timeout, 1e-3 * p["timesettle"]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gantrysim.base.errors import unknown, whole
+from gantrysim.base.errors import unknown, whole_number
 from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.execution import Action, RoutineFrame
@@ -48,8 +48,8 @@ def cmd_record(tree: Node) -> Action:
         columns = tuple(column for columns_of in sampled for column in columns_of(scope))
         if len(columns) > _MOST_COLUMNS:
             raise SoftMCError(f"RecData of {len(columns)} columns: must be at most {_MOST_COLUMNS}")
-        most = whole("points", number("points", points(scope)), 1)
-        every = 1 if gap is None else whole("Gap", number("Gap", gap(scope)), 1)
+        most = whole_number("points", number("points", points(scope)), 1)
+        every = 1 if gap is None else whole_number("Gap", number("Gap", gap(scope)), 1)
         if every > _LONGEST_GAP:
             raise SoftMCError(f"Gap = {every}: must be at most {_LONGEST_GAP}")
         records.append(Recording(file, most, every, columns))

@@ -10,8 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from gantrysim.base.arrays import Floats, seen
-from gantrysim.base.errors import InputError, finite, point, positive, whole
+from gantrysim.base.arrays import Floats, read_only_view
+from gantrysim.base.errors import InputError, finite, plane_point, positive, whole_number
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio.basic.moves import Arc, Move
 from gantrysim.paths.chain import Chain
@@ -51,8 +51,8 @@ class StatedSpiral:
     def __post_init__(self) -> None:
         positive("spiral.diameter", self.diameter, "mm")
         positive("spiral.thickness", self.thickness, "mm")
-        object.__setattr__(self, "turns", whole("spiral.turns", self.turns, 1))
-        object.__setattr__(self, "start", point("spiral.start", self.start))
+        object.__setattr__(self, "turns", whole_number("spiral.turns", self.turns, 1))
+        object.__setattr__(self, "start", plane_point("spiral.start", self.start))
         finite("spiral.heading", self.heading, "deg")
         finite("spiral.height", self.height, "mm")
         if 2 * self.turns * self.thickness > self.diameter * (1 + 1e-12):
@@ -156,7 +156,7 @@ def on_path(path: Path, points: Floats) -> Floats | None:
         points: the trace, (n, 3) [mm].
     """
     progress = np.empty(len(points))
-    count = find_progress_on_path(path.table, seen(np.ascontiguousarray(points)), progress)  # type: ignore[no-untyped-call]
+    count = find_progress_on_path(path.table, read_only_view(np.ascontiguousarray(points)), progress)  # type: ignore[no-untyped-call]
     return progress if count == len(points) else None
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, read_only
-from gantrysim.base.errors import InputError, at_least, finite, positive, whole
+from gantrysim.base.errors import InputError, at_least, finite, positive, whole_number
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.speeds import SpeedWords
@@ -285,7 +285,7 @@ class Basic(Controller):
     placement: Placement = field(default_factory=Placement)
 
     def __post_init__(self) -> None:
-        numbers = tuple(whole("axis_numbers", number, 0) for number in self.axis_numbers)
+        numbers = tuple(whole_number("axis_numbers", number, 0) for number in self.axis_numbers)
         if numbers and (len(set(numbers)) < len(numbers) or not 2 <= len(numbers) <= len(_AXES)):
             raise InputError(f"axis_numbers = {list(numbers)}: must be 2 to 4 different numbers, of x, y[, z[, r]]")
         if max(numbers, default=0) >= MOST_AXES:
@@ -295,21 +295,21 @@ class Basic(Controller):
             raise InputError(f"start = {list(self.start)}: must be 2 to {len(numbers) or 4} numbers, x, y[, z[, r]]")
         object.__setattr__(self, "axis_numbers", numbers)
         object.__setattr__(self, "start", start)
-        object.__setattr__(self, "inputs", tuple(whole("inputs", number, 0) for number in self.inputs))
-        if whole("valve", self.valve, 0) >= MOST_OUTPUTS:
+        object.__setattr__(self, "inputs", tuple(whole_number("inputs", number, 0) for number in self.inputs))
+        if whole_number("valve", self.valve, 0) >= MOST_OUTPUTS:
             raise InputError(f"valve = {self.valve}: must be at most {MOST_OUTPUTS - 1}")
         if self.flow_output:
             set_point(self.flow_output)
         at_least("initial_speed", self.initial_speed, 0, "mm/s")
         if self.initial_acceleration != math.inf:
             positive("initial_acceleration", self.initial_acceleration, "mm/s²")
-        if whole("buffers", self.buffers, 1) > 1024:
+        if whole_number("buffers", self.buffers, 1) > 1024:
             raise InputError(f"buffers = {self.buffers}: must be at most 1024")
-        if whole("ratio_bits", self.ratio_bits, 0) and not 8 <= self.ratio_bits <= 52:
+        if whole_number("ratio_bits", self.ratio_bits, 0) and not 8 <= self.ratio_bits <= 52:
             raise InputError(f"ratio_bits = {self.ratio_bits}: must be 8 to 52, or 0 for an exact ratio")
         at_least("wait_resolution", self.wait_resolution, 0, "s")
         at_least("servo_period", self.servo_period, _SHORTEST, "s")
-        whole("statement_limit", self.statement_limit, 1)
+        whole_number("statement_limit", self.statement_limit, 1)
         positive("time_limit", self.time_limit, "s")
         at_least("stop_after", self.stop_after, 0, "s")
         if self.placement.scale != 1:
