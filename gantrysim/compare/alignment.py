@@ -6,6 +6,7 @@ At equal places a trace may have other speeds than the run, see `gantrysim.compa
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -37,6 +38,7 @@ ALIGNED = ("path", "time", "offset", "rotation")
 DEFAULT = ("path", "offset", "rotation")
 DOUBTFUL_RESIDUAL = 0.1  # residual, of the run's own spread, from which an alignment is doubted
 CLOCK = "clock"
+_SMALL_TURN = math.radians(1.0)  # up to which places on a path that is not turned are near
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,13 +152,23 @@ def _aligned_by_place(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignmen
 
 
 def _laid_link(trace: Trace, run: Run, link: str, what: tuple[str, ...]) -> list[Placed]:
-    """Return where a link of a trace lies on the run, the best first; turned far only where it must be."""
+    """Return where a link of a trace lies on the run, the best first; turned far only where it must be.
+
+    A path that is turned by degrees is tried from its own turn too: places that were found on it as if it was not
+    turned may bend offset and turn.
+    """
     measured, simulated, _ = link_positions(trace, run, link)
     turning = link == "nozzle" and "rotation" in what
     laid = laid_on_run(trace.time, measured, (run.time, simulated), "offset" in what, "small" if turning else "")
-    if turning and laid and laid[0].residual > DOUBTFUL_RESIDUAL * _spread(simulated):
-        return laid_on_run(trace.time, measured, (run.time, simulated), "offset" in what, "any")
+    if turning and laid and not _is_turned_little(laid[0].estimates["turn"]):
+        turned = laid_on_run(trace.time, measured, (run.time, simulated), "offset" in what, "any")
+        if turned and AS_WELL * turned[0].residual < laid[0].residual:
+            return turned
     return laid
+
+
+def _is_turned_little(turn: Estimate) -> bool:
+    return abs(turn.value) + turn.interval < _SMALL_TURN
 
 
 def _spread(positions: Floats) -> float:

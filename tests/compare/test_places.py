@@ -120,6 +120,15 @@ SPEEDS = {
 }
 
 
+@pytest.mark.parametrize("turn", [-8.0, 5.0])
+def test_a_trace_that_is_turned_far_is_laid_on_the_run_anew(run, turn):
+    """Places found on the path as it was not turned bend offset and turn: once by tens of micrometres."""
+    comparison, true = compared(run, feed=0.9, turn=turn, offset=(100.0, 40.0))
+    assert comparison.measured.values.contour.rms == pytest.approx(true, abs=1e-3)
+    assert comparison.alignment.offsets["nozzle"][:2] == pytest.approx([100.0, 40.0], abs=1e-3)
+    assert comparison.alignment.rotation == pytest.approx(turn, abs=2e-3)
+
+
 @pytest.mark.validates(
     "contour error of a trace at another feed or acceleration, moved, turned, with noise or another clock",
     "deviation by which the trace was made",
