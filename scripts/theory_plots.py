@@ -78,8 +78,8 @@ def budget(figure: Figure) -> None:
     points = (
         ("command", 76, 0.35, COLOURS["program"], (8, 2), "program", (-34, 6)),
         ("encoder", 88, 1.5, COLOURS["servo"], (10, -2), "servo", (26, 6)),
-        ("motor", 95, 1.15, COLOURS["encoder"], (-8, -6), "encoder", (-2, 10)),
-        ("nozzle", 106, 1.9, INK, (-10, 8), "structure", (-4, -18)),
+        ("motor", 95, 1.15, COLOURS["encoder"], (10, -14), "encoder", (-2, 10)),
+        ("nozzle", 106, 1.9, COLOURS["structure"], (-10, 8), "structure", (-4, -18)),
     )
     last = None
     for name, angle, offset, colour, shift, link, place in points:

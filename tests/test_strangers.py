@@ -18,6 +18,7 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.record.setpoints import Setpoints
 
 from support.doc_pages import run_in_turn
+from support.soaked import suite_runs
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "command.md").read_text(encoding="utf-8")
@@ -31,7 +32,7 @@ print(type(run.requested).__name__, repr(run.requested.length), len(run.time), r
 """
 
 
-@pytest.mark.parametrize("name", builtin_jobs())
+@pytest.mark.parametrize("name", suite_runs(builtin_jobs(), 0, 3, 6, 10))
 def test_a_record_of_every_built_in_job_is_loaded(fresh, tmp_path, name):
     job = Job.load(name)
     record = job.follow()

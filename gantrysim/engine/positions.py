@@ -102,7 +102,7 @@ def _check_bounds(machine: Machine, setpoints: Setpoints, position: Floats) -> N
         time = f"at t = {k * setpoints.period:.4g} s"
         if kinematics.axes_are_coordinates:
             return time
-        return f"{time} ({kinematics.described(kinematics.forward(position[k : k + 1])[0])})"
+        return f"{time} ({kinematics.position_text(kinematics.forward(position[k : k + 1])[0])})"
 
     for a, axis in enumerate(machine.plain_axes):
         low, high = axis.travel

@@ -100,7 +100,7 @@ def _room(axis: Axis) -> float:
             f"axis {axis.name}: its travel is {low:g} to {high:g} {axis.unit}, must extend to both sides of zero"
         )
     side = 1.0 if high >= -low else -1.0
-    return side * min(_LONGEST, _ROOM * (high - low), 0.9 * max(high, -low))
+    return side * min(_LONGEST, _ROOM * (high - low))
 
 
 def _rounded_value(value: float) -> float:

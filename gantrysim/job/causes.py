@@ -173,11 +173,13 @@ class Cause:
         name: in a word.
         off: what a run without it is like.
         without: returns a setup without it, or the setup itself where it is absent.
+        meaning: in a few words, where the name alone does not tell what it is.
     """
 
     name: str
     off: str
     without: Callable[[Setup], Setup]
+    meaning: str = ""
 
 
 def _without_sampling(setup: Setup) -> Setup:
@@ -222,12 +224,27 @@ def _without_program(setup: Setup) -> Setup:
 
 
 CAUSES = (
-    Cause("program", "the command follows the requested path exactly, at the same progress", _without_program),
-    Cause("sampling", f"the servo's period is at most {1e6 * FINE_PERIOD:g} µs, without delay", _without_sampling),
-    Cause("counts", "the encoders are exact", _without_counts),
+    Cause(
+        "program",
+        "the command follows the requested path exactly, at the same progress",
+        _without_program,
+        "its commands leave the requested path",
+    ),
+    Cause(
+        "sampling",
+        f"the servo's period is at most {1e6 * FINE_PERIOD:g} µs, without delay",
+        _without_sampling,
+        "period and delay of the servo",
+    ),
+    Cause("counts", "the encoders are exact", _without_counts, "steps of the encoders"),
     Cause("friction", "only viscous friction is left", _on(without_friction)),
-    Cause("winding", "the motors' current follows the demand at once", _without_winding),
-    Cause("compliance", "the springs between motors and nozzle are rigid", _without_compliance),
+    Cause("winding", "the motors' current follows the demand at once", _without_winding, "lag of the motors' current"),
+    Cause(
+        "compliance",
+        "the springs between motors and nozzle are rigid",
+        _without_compliance,
+        "springs between motors and nozzle",
+    ),
 )
 # of a machine with errors of its geometry
 GEOMETRY = Cause(

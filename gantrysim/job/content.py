@@ -166,7 +166,7 @@ class JobContent(BaseModel):
         """What the job was loaded from; None for one that was not loaded, or was changed since."""
         return None
 
-    def overridden(self, overrides: Iterable[str] | Mapping[str, Any]) -> Self:
+    def with_overrides(self, overrides: Iterable[str] | Mapping[str, Any]) -> Self:
         """Return the job with changed values, as `load` takes them.
 
         Raises:

@@ -97,11 +97,11 @@ class Job(LoadedJob):
     def setpoints(self) -> Setpoints:
         """The program's setpoints, held at the start for the dispenser's start lead and at the end to settle."""
         settle = at_least("settle", self.simulation.settle, 0, "s")
-        with self.located():
-            return self.dispenser.held_back(self._sent).hold(settle)
+        with self.locate_errors():
+            return self.dispenser.held_back(self._program_setpoints).hold(settle)
 
     @property
-    def _sent(self) -> Setpoints:
+    def _program_setpoints(self) -> Setpoints:
         """Setpoints of the program alone; not cached, as a long program would fill the memory."""
         setpoints = self.controller.setpoints(self.built_servo.period)
         name = self.program["controller"]
@@ -112,7 +112,7 @@ class Job(LoadedJob):
         """Time for which the dispenser holds the program back [s]."""
         if self.dispenser.start_lead <= 0:
             return 0.0
-        sent = self._sent
+        sent = self._program_setpoints
         return (len(self.dispenser.held_back(sent).position) - len(sent.position)) * sent.period
 
     @property
@@ -135,7 +135,7 @@ class Job(LoadedJob):
         """
         if not self.simulation.allow_unstable:
             check_stability(self.built_machine, self.built_servo, self.margins, self.servo, self._margins_at)
-        with self.located():
+        with self.locate_errors():
             record = simulate(
                 self.built_machine if machine is None else machine,
                 self.built_servo,
@@ -171,13 +171,13 @@ class Job(LoadedJob):
         Raises:
             InputError: a program that the controller or the machine refuses.
         """
-        with self.located():
+        with self.locate_errors():
             self.check_fit()
             return plan_of(self.built_machine, self.program["controller"], self.setpoints, self.controller)
 
     def check_fit(self) -> None:
         """Raise InputError unless program and machine agree in frame and geometry; includes `check_faults`."""
-        with self.located():
+        with self.locate_errors():
             check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
         self.check_faults()
 
@@ -198,7 +198,7 @@ class Job(LoadedJob):
 
     def follow(self) -> Run:
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""
-        with self.located():
+        with self.locate_errors():
             record = perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
         return record.replaced(job=self)
 

@@ -65,7 +65,7 @@ def _default_text(value: Any) -> str:
     return f"[{', '.join(map(_default_text, value))}]" if isinstance(value, tuple) else f"{value:g}"
 
 
-def _parts(kind: type[Any]) -> Iterator[tuple[str, Any, str, type[Any] | None]]:
+def _dataclass_fields(kind: type[Any]) -> Iterator[tuple[str, Any, str, type[Any] | None]]:
     """Yield the fields of a dataclass: name, default, meaning, and the dataclass that it is a table of, if any."""
     hints = get_type_hints(kind)
     meaning = described_fields(kind)
@@ -78,7 +78,7 @@ def _parts(kind: type[Any]) -> Iterator[tuple[str, Any, str, type[Any] | None]]:
 
 def _rows(kind: type[Any], prefix: str) -> Iterator[Key]:
     """Yield key, default and meaning of a dataclass' fields, those of its tables included."""
-    for name, default, meaning, table in _parts(kind):
+    for name, default, meaning, table in _dataclass_fields(kind):
         yield Key(prefix + name, "table" if table else _default_text(default), " ".join(meaning.split()))
         if table:
             yield from _rows(table, f"{prefix}{name}.")
@@ -96,6 +96,6 @@ def _faults() -> Iterator[Key]:
     yield Key("kind", "required", "one of the kinds below")
     yield Key("time", "required", "time at which the fault begins [s]")
     for kind, fault in KINDS.items():
-        for name, default, meaning, _ in _parts(fault):
+        for name, default, meaning, _ in _dataclass_fields(fault):
             if name not in ("kind", "time"):
                 yield Key(f"{kind}: {name}", _default_text(default), " ".join(meaning.split()))

@@ -300,7 +300,7 @@ class LoadedJob(JobContent):
             InputError: an invalid key or value.
         """
         job = cls.of_content(content, given.label)
-        with job.located():
+        with job.locate_errors():
             job = job.with_called_files()
         if speed is not None:
             job = job.at_speed(speed)
@@ -332,7 +332,7 @@ class LoadedJob(JobContent):
         name = self.program["controller"]
         job = self
         if open_values.machine:
-            with self.located():
+            with self.locate_errors():
                 job = job.changed({"machine": machine_of(name, job.controller)}).sharing(job)
         if open_values.acceleration and job.controller.assumed_acceleration:
             job = job.changed({"program.acceleration": job.controller.assumed_acceleration})
@@ -355,12 +355,12 @@ class LoadedJob(JobContent):
         Raises:
             InputError: the program states no speed, or the speed is not positive.
         """
-        with self.located():
+        with self.locate_errors():
             arguments = self.controller.arguments_at(speed)
         return self.changed({f"program.{key}": _without_noise(value) for key, value in arguments.items()})
 
     @contextmanager
-    def located(self) -> Iterator[None]:
+    def locate_errors(self) -> Iterator[None]:
         """Name the program's file, and the line where it is known, in errors that the program causes."""
         try:
             yield

@@ -121,7 +121,7 @@ def _unknown_key(key: str, known: Sequence[str]) -> InputError:
     return InputError(f"unknown key {short_text(key)}: {f'{question} ' if question else ''}{LIST_OF_KEYS}")
 
 
-def place(content: Content, placement: Mapping[str, float], known: Sequence[str]) -> None:
+def set_placement(content: Content, placement: Mapping[str, float], known: Sequence[str]) -> None:
     """Set attributes of the program's `Placement` in the content of a job file.
 
     Raises:

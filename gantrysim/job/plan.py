@@ -212,7 +212,7 @@ class _Sums(NamedTuple):
             extremes(np.abs(np.diff(position, axis=0, prepend=position[:1])))[1],
         )
 
-    def joined(self, other: _Sums) -> _Sums:
+    def combined_with(self, other: _Sums) -> _Sums:
         """Return what these and other setpoints command."""
         return _Sums(
             self.way + other.way,
@@ -237,7 +237,7 @@ def _sums(machine: Machine, setpoints: Setpoints, *, is_checked: bool) -> _Sums:
     for block in blocks(len(setpoints.position) - 1):
         rows = slice(block.start, block.stop + 1)
         part = _Sums.of(machine, setpoints.part(rows), is_checked=is_checked)
-        sums = part if sums is None else sums.joined(part)
+        sums = part if sums is None else sums.combined_with(part)
     # there are two setpoints at least
     assert sums is not None
     return sums

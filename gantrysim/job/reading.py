@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.job.code import absolute_value, is_trusted, named_code, refusal
 from gantrysim.job.loading import read_job, servo_table
-from gantrysim.job.overrides import Override, absolute_machine, change, known_keys, override, place
+from gantrysim.job.overrides import Override, absolute_machine, change, known_keys, override, set_placement
 from gantrysim.job.programs import program_class
 from gantrysim.job.recognition import Recognised
 from gantrysim.job.settings import laid_over
@@ -126,7 +126,7 @@ def _override(content: dict[str, Any], request: Request, authors: list[_Author])
 
     try:
         if request.placement:
-            place(content, request.placement, keys())
+            set_placement(content, request.placement, keys())
         for setting in request.overrides:
             override(content, setting, keys())
     except InputError:

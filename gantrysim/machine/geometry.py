@@ -136,7 +136,7 @@ class Geometry:
             checked = between(name, value, low, high)
         object.__setattr__(self, name, checked)
 
-    def given(self, name: str) -> bool:
+    def is_given_explicitly(self, name: str) -> bool:
         """Return whether an error is given explicitly rather than by the class."""
         return getattr(self, name) is not None
 

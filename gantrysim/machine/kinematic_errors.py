@@ -104,7 +104,7 @@ def _of_frame(
     if all(axis in placing for axis in OF_FRAME[name]) and (name not in BENDING or has_ram):
         return {name: value}
     # a class suits machines of other arrangements too, an error that a user states is meant for this one
-    if geometry.given(name) or not placing:
+    if geometry.is_given_explicitly(name) or not placing:
         raise refusal(machine, name)
     return {}
 
@@ -112,7 +112,7 @@ def _of_frame(
 def _of_axes(machine: RigidMachine, geometry: Geometry, name: str, placing: Collection[str]) -> dict[str, float]:
     """Return the values of an error of screws or guides, a column per axis."""
     value = geometry.of(name)
-    given = geometry.given(name)
+    given = geometry.is_given_explicitly(name)
     listed = isinstance(value, tuple)
     columns = {}
     values = np.broadcast_to(np.asarray(value, float), len(machine.axes))

@@ -34,7 +34,7 @@ def digest_of(model: mujoco.MjModel) -> str:
     model's own name does not, nor do the paths of its files.
     """
     digest = hashlib.sha256()
-    for name, value in _parts(model):
+    for name, value in _settings_that_count(model):
         array = np.asarray(value)
         # such as of elements that the model has none of
         if not array.size:
@@ -44,7 +44,7 @@ def digest_of(model: mujoco.MjModel) -> str:
     return digest.hexdigest()
 
 
-def _parts(model: mujoco.MjModel) -> Iterator[tuple[str, object]]:
+def _settings_that_count(model: mujoco.MjModel) -> Iterator[tuple[str, object]]:
     """Yield the names and values of what counts."""
     for name in _arrays():
         yield name, getattr(model, name)
@@ -103,7 +103,7 @@ class PhysicsModels:
     def physics(self) -> mujoco.MjModel:
         """The model; always the same object."""
         if self._physics is None:
-            self._physics = self._copied()
+            self._physics = self._own_physics()
         return self._physics
 
     @property
@@ -120,12 +120,12 @@ class PhysicsModels:
         """Return a copy of `physics` for steps of a length; see `Machine.stepping`."""
         key = timestep, voltage, stops
         if key not in self._stepped:
-            model = self._copied()
+            model = self._own_physics()
             set_for_steps(model, *key)
             self._stepped[key] = model
         return self._stepped[key]
 
-    def _copied(self) -> mujoco.MjModel:
+    def _own_physics(self) -> mujoco.MjModel:
         """Return a copy of `physics` that nobody else has."""
         if self._physics is not None:
             return copy.copy(self._physics)

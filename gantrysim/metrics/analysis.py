@@ -153,27 +153,27 @@ class Analysis(Shown):
     @cached_property
     def encoder(self) -> Projection:
         """Projection of the nozzle of a rigid machine at the encoders' positions."""
-        return self._followed(self.run.encoder_tip, like=(self.run.commanded_tip, "commanded"))
+        return self._follow(self.run.encoder_tip, like=(self.run.commanded_tip, "commanded"))
 
     @cached_property
     def motor(self) -> Projection:
         """Projection of the nozzle of a rigid machine at the motors' positions."""
-        return self._followed(self.run.motor_tip, like=(self.run.encoder_tip, "encoder"))
+        return self._follow(self.run.motor_tip, like=(self.run.encoder_tip, "encoder"))
 
     @cached_property
     def geometric(self) -> Projection:
         """Projection of the nozzle of a rigid machine with geometric errors at the motors' positions."""
         tip = self.run.geometric_tip
-        return self.motor if tip is None else self._followed(tip, like=(self.run.motor_tip, "motor"))
+        return self.motor if tip is None else self._follow(tip, like=(self.run.motor_tip, "motor"))
 
     @cached_property
     def nozzle(self) -> Projection:
         """Projection of the nozzle; its distance is the contour error."""
         tip = self.run.geometric_tip
         before = (self.run.motor_tip, "motor") if tip is None else (tip, "geometric")
-        return self._followed(self.run.nozzle, like=before)
+        return self._follow(self.run.nozzle, like=before)
 
-    def _followed(self, trace: Floats, like: tuple[Floats, str]) -> Projection:
+    def _follow(self, trace: Floats, like: tuple[Floats, str]) -> Projection:
         """Follow a trace, unless an ideal link made it equal to the trace of the link before."""
         other, name = like
         # following is the longest part of an analysis; with exact encoders or a rigid machine traces are equal

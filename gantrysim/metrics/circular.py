@@ -306,18 +306,18 @@ class CircularTest:
             raise InputError("circular test: both paths must have one nominal circle")
 
     @property
-    def _both(self) -> Floats:
+    def _both_directions(self) -> Floats:
         return np.concatenate([self.clockwise.points, self.counter_clockwise.points])
 
     @cached_property
     def bidirectional_circular_deviation(self) -> float:
         """G(b) [mm]."""
-        return minimum_zone(self._both).width
+        return minimum_zone(self._both_directions).width
 
     @property
     def mean_bidirectional_radial_deviation(self) -> float:
         """D, positive for paths that are too large [mm]."""
-        return least_squares_circle(self._both)[1] - self.clockwise.radius
+        return least_squares_circle(self._both_directions)[1] - self.clockwise.radius
 
 
 def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float, reach: float) -> dict[str, Any]:

@@ -93,7 +93,7 @@ class Limited:
         time = np.asarray(t, float)
         return np.where((time >= 0) & (time <= self.duration), self._v[k] + rate * elapsed, 0.0)
 
-    def reached(self, s: float) -> float:
+    def time_at(self, s: float) -> float:
         """Return the time at which the arc length s is reached [s]."""
         k = int(np.clip(np.searchsorted(self._s, s, side="left") - 1, 0, self._dt.size - 1))
         low = self._v[k]

@@ -62,7 +62,7 @@ class PlaneMove:
         """Return whether it is an arc about a centre on a side, positive for the left."""
         return self.centre is not None and side * self.angle > 0
 
-    def beside(self, offset: float) -> PlaneMove:
+    def offset_move(self, offset: float) -> PlaneMove:
         """Return the move at an offset, positive to the left [mm]."""
         start = self.start + 1j * offset * self.first_tangent
         end = self.end + 1j * offset * self.last_tangent

@@ -109,7 +109,7 @@ class Involute(Path):
     @property
     def centre(self) -> Floats:
         """Centre of the base circle, (3,) [mm]."""
-        return self._place(np.array([self.a]), np.array([self.radius]), np.zeros(1))[0]
+        return self._points_at(np.array([self.a]), np.array([self.radius]), np.zeros(1))[0]
 
     def phi(self, s: ArrayLike) -> Floats:
         """Angle of the tangent since the start, (n,) [rad]."""
@@ -127,7 +127,7 @@ class Involute(Path):
         angles.flags.writeable = False
         return angles
 
-    def _place(self, along: Floats, inward: Floats, up: Floats) -> Floats:
+    def _points_at(self, along: Floats, inward: Floats, up: Floats) -> Floats:
         """Points of coordinates along the first tangent, and towards the centre."""
         c = np.cos(self.heading_start)
         s = np.sin(self.heading_start)

@@ -131,7 +131,7 @@ class Track(Chain):
     def turn_spacing(self) -> float | None:
         return None
 
-    def place(self, k: NDArray[np.intp], distance: Floats) -> Floats:
+    def points_at(self, k: NDArray[np.intp], distance: Floats) -> Floats:
         """Return the points at distances from the starts of pieces, (n, 3) [mm]."""
         return self._at(k, distance, "point").point
 

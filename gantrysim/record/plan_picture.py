@@ -31,11 +31,11 @@ def plan_picture(path: Path, progress: Floats | None, dispense: NDArray[np.bool_
     pixel = max(wide, high) / 320
     content = _line(line, pixel, _FAINT)
     if progress is not None:
-        content += "".join(_line(points, 3 * pixel) for points in _glued(path, progress, dispense))
+        content += "".join(_line(points, 3 * pixel) for points in _glued_stretches(path, progress, dispense))
     return svg_picture(content, (*low.tolist(), wide, high), "plan view of the setpoints")
 
 
-def _glued(path: Path, progress: Floats, dispense: NDArray[np.bool_]) -> Iterator[Floats]:
+def _glued_stretches(path: Path, progress: Floats, dispense: NDArray[np.bool_]) -> Iterator[Floats]:
     """Yield the points of each stretch of the path that is passed with the dispenser on, (k, 2) [mm]."""
     edges = np.flatnonzero(np.diff(dispense, prepend=False, append=False)).reshape(-1, 2)
     for begin, end in edges[:_MOST_POINTS].tolist():

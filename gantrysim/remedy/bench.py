@@ -150,7 +150,7 @@ class Bench:
         self._keep_motion(self.motion_key(job), motion)
         self._keep({job.toml(): motion.outcome(job)})
 
-    def confirmed(self, job: Job) -> tuple[Outcome, str]:
+    def confirm(self, job: Job) -> tuple[Outcome, str]:
         """Return what the run of a job shows that is not for a search, and a note where it differs from the search's.
 
         Raises:

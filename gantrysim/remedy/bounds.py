@@ -9,11 +9,10 @@ from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.outcome import Outcome
+from gantrysim.results.glue import ploughing_reason
 from gantrysim.results.glue_causes import without_dead_time, without_lag
 from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import GLUE, PATH, STABILITY, Verdict
-
-_PLOUGHED = "bead_ploughed"  # name of the check
 
 
 def bound_of(job: Job, outcome: Outcome, row: str) -> str:
@@ -28,23 +27,14 @@ def bound_of(job: Job, outcome: Outcome, row: str) -> str:
         link = max(parts, key=lambda name: parts[name].rms)
         return f"the {link} link, {1e3 * parts[link].rms:.1f} µm rms of the error"
     if row == GLUE:
-        ploughed = _ploughed_reason(outcome)
+        assert outcome.verdict is not None
+        ploughed = ploughing_reason(outcome.verdict[GLUE])
         return f"the program link: {ploughed}" if ploughed else _glue_bound(job)
     if row == STABILITY:
         return "the servo: its loops have too little margin"
     if any(getattr(job.controller, name, 0.0) == math.inf for name in job.controller.ramp_arguments):
         return "the program: it limits no acceleration, so that its speed jumps"
     return "the drives: their torque or speed has too little reserve"
-
-
-def _ploughed_reason(outcome: Outcome) -> str:
-    """Return why the needle ploughs its bead, in words; empty where it does not."""
-    assert outcome.verdict is not None
-    row = outcome.verdict[GLUE]
-    if row.checks[0].name != _PLOUGHED or not row.checks[0].value:
-        return ""
-    # its last part is the remedy
-    return row.remark.rpartition("; ")[2]
 
 
 def _glue_bound(job: Job) -> str:

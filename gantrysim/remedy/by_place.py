@@ -170,10 +170,10 @@ def _best_of(search: _Search, other: Outcome, bench: Bench) -> SpeedByPlace | st
     for trial in _in_order(better):
         if not _is_read_back(trial, base.servo.period):
             return "the program, written with other speeds and read again, does not state them"
-        outcome, note = bench.confirmed(trial.job)
+        outcome, note = bench.confirm(trial.job)
         if not outcome.failure and _is_better(outcome, other):
             speeds = tuple(
-                PlaceSpeed(place, search.programmed[place], speed, trial.flows.get(place))
+                PlaceSpeed(place, search.programmed_speeds[place], speed, trial.flows.get(place))
                 for place, speed in sorted(trial.speeds.items())
             )
             changed = _changed_glue(base, trial.job)
@@ -310,19 +310,19 @@ class _Search:
         self._model = SpeedModel(stretches)
 
     @property
-    def programmed(self) -> dict[int, float]:
+    def programmed_speeds(self) -> dict[int, float]:
         """Programmed path speeds by place [mm/s]."""
         rows = zip(self._stretches.places.tolist(), self._stretches.speeds.tolist(), strict=True)
         return {place: speed for place, speed in rows if speed > 0}
 
     def run(self) -> None:
         """Simulate until the speeds stay, at most `RUNS` times."""
-        first = self._trial(self.programmed)
+        first = self._trial(self.programmed_speeds)
         if first.usage is None:
             return
         self._model.add_even_run(first.usage, 1.0)
         factor = self._second_factor(first)
-        second = self._trial({place: factor * speed for place, speed in self.programmed.items()})
+        second = self._trial({place: factor * speed for place, speed in self.programmed_speeds.items()})
         if second.usage is not None:
             self._model.add_even_run(second.usage, factor)
         is_first = True
@@ -344,7 +344,7 @@ class _Search:
         Args:
             burden: least of the runs so far, with faster starts and stops.
         """
-        trial = self._trial(self._written(self._model.slow_ends()))
+        trial = self._trial(self._written_speeds(self._model.slow_ends()))
         if trial.usage is None or trial.outcome.burden >= _WORTH * burden:
             return False
         self._model.add_slow_ends(trial.usage, self._by_stretch(trial.speeds))
@@ -366,9 +366,9 @@ class _Search:
         if passing and not self.trials[-1].outcome.passes:
             best = min(passing, key=lambda trial: trial.outcome.duration)
             allowed = np.sqrt(allowed * self._by_stretch(best.speeds))
-        return self._written(allowed)
+        return self._written_speeds(allowed)
 
-    def _written(self, speeds: Floats) -> dict[int, float]:
+    def _written_speeds(self, speeds: Floats) -> dict[int, float]:
         """Return the speeds of the stretches, (m,) [mm/s], as they are written, by place."""
         wanted: dict[int, float] = {}
         places = self._stretches.places[self._model.judged].tolist()
@@ -376,7 +376,7 @@ class _Search:
         for place, speed in zip(places, speeds[self._model.judged].tolist(), strict=True):
             wanted[place] = min(speed, wanted.get(place, math.inf))
         few = few_speeds(wanted, self._stretches)
-        return {place: few.get(place, speed) for place, speed in self.programmed.items()}
+        return {place: few.get(place, speed) for place, speed in self.programmed_speeds.items()}
 
     def _by_stretch(self, speeds: Mapping[int, float]) -> Floats:
         return np.array([speeds.get(place, 0.0) for place in self._stretches.places.tolist()])

@@ -45,7 +45,7 @@ class Candidate:
     job: Job
 
     @property
-    def added(self) -> Pick:
+    def added_pick(self) -> Pick:
         """The lever by which it differs from the present combination."""
         return self.picks[-1]
 
@@ -75,6 +75,9 @@ class Combinations:
         measure_all: returns what the runs of jobs show.
         bad_rows: returns the names of the rows that are to pass and do not, from what a run shows.
         member: returns a job that shares with others what it has in common with them.
+
+    Attributes:
+        measure_all: as given.
     """
 
     def __init__(
@@ -85,7 +88,7 @@ class Combinations:
         member: Callable[[Job], Job],
     ) -> None:
         self._start = start
-        self._measure_all = measure_all
+        self.measure_all = measure_all
         self._bad_rows = bad_rows
         self._member = member
         # by names of levers and labels of settings
@@ -104,30 +107,30 @@ class Combinations:
         if key not in self._states:
             *others, last = picks
             state = self.state_of(others)
-            self._states[key] = State(self._changed(state, setting_of(state, last)), state.measure)
+            self._states[key] = State(self._changed_job(state, setting_of(state, last)), state.measure)
         return self._states[key]
 
-    def _changed(self, state: State, setting: Setting) -> Job:
+    def _changed_job(self, state: State, setting: Setting) -> Job:
         return self._member(state.job.changed(setting.changes))
 
-    def joined(self, picks: Sequence[Pick], levers: Iterable[Lever]) -> list[Pick] | None:
+    def with_best_lever(self, picks: Sequence[Pick], levers: Iterable[Lever]) -> list[Pick] | None:
         """Return the combination with the lever that helps most, None where none does."""
-        return self._best(picks, list(self._extended(picks, levers)))
+        return self._best(picks, list(self._candidates_with(picks, levers)))
 
-    def exchanged(self, picks: Sequence[Pick], levers: Sequence[Lever]) -> list[Pick] | None:
+    def with_exchange(self, picks: Sequence[Pick], levers: Sequence[Lever]) -> list[Pick] | None:
         """Return the combination with one of its levers exchanged for one of these, None where that does not help."""
         candidates: list[Candidate] = []
         for k, pick in enumerate(picks):
             others = [*picks[:k], *picks[k + 1 :]]
             choice = [lever for lever in levers if lever is not pick.lever]
-            candidates += self._extended(others, choice)
+            candidates += self._candidates_with(others, choice)
         return self._best(picks, candidates)
 
-    def retuned(self, picks: Sequence[Pick]) -> list[Pick] | None:
+    def with_other_setting(self, picks: Sequence[Pick]) -> list[Pick] | None:
         """Return the combination with another setting of one of its levers, None where that does not help."""
         candidates: list[Candidate] = []
         for k, pick in enumerate(picks):
-            candidates += self._extended([*picks[:k], *picks[k + 1 :]], [pick.lever])
+            candidates += self._candidates_with([*picks[:k], *picks[k + 1 :]], [pick.lever])
         return self._best(picks, candidates)
 
     def without_spare(self, picks: Sequence[Pick]) -> list[Pick]:
@@ -149,11 +152,7 @@ class Combinations:
         acted_on = {row for lever in levers for row in lever.rows}
         return self._bad_rows(self._start.outcome) <= acted_on
 
-    def measured(self, jobs: Sequence[Job]) -> list[Outcome]:
-        """Return what the runs of jobs show."""
-        return self._measure_all(jobs)
-
-    def _extended(self, picks: Sequence[Pick], levers: Iterable[Lever]) -> Iterable[Candidate]:
+    def _candidates_with(self, picks: Sequence[Pick], levers: Iterable[Lever]) -> Iterable[Candidate]:
         """Yield a combination with each setting of each lever that is not in it, on top."""
         try:
             state = self.state_of(picks)
@@ -167,7 +166,7 @@ class Combinations:
             settings = lever.settings(state)
             for setting in () if isinstance(settings, str) else settings:
                 try:
-                    job = self._changed(state, setting)
+                    job = self._changed_job(state, setting)
                 except GantryError:  # the values do not fit those of other levers
                     continue
                 yield Candidate((*picks, Pick(lever, setting.label)), job)
@@ -177,14 +176,14 @@ class Combinations:
         if not candidates:
             return None
         present = self.state_of(picks).outcome.burden
-        outcomes = self._measure_all([candidate.job for candidate in candidates])
+        outcomes = self.measure_all([candidate.job for candidate in candidates])
         least = min(outcome.burden for outcome in outcomes)
         if least > (1 - SHARE) * present:
             return None
         near = [k for k, outcome in enumerate(outcomes) if outcome.burden <= least + SHARE * present]
-        effort = min(candidates[k].added.lever.effort for k in near)
-        lever = next(candidates[k].added.lever for k in near if candidates[k].added.lever.effort == effort)
-        settings = [k for k in near if candidates[k].added.lever is lever]
+        effort = min(candidates[k].added_pick.lever.effort for k in near)
+        lever = next(candidates[k].added_pick.lever for k in near if candidates[k].added_pick.lever.effort == effort)
+        settings = [k for k in near if candidates[k].added_pick.lever is lever]
         best = min(settings, key=lambda k: (*rank(outcomes[k]), k))
         return list(candidates[best].picks)
 
@@ -195,9 +194,9 @@ def best_combination(combinations: Combinations, levers: Sequence[Lever]) -> lis
     for effort in Effort:
         choice = [lever for lever in levers if lever.effort <= effort]
         while combinations.state_of(picks).outcome.burden > 0:
-            better = combinations.joined(picks, choice) or combinations.retuned(picks)
+            better = combinations.with_best_lever(picks, choice) or combinations.with_other_setting(picks)
             if better is None and effort == max(Effort):
-                better = combinations.exchanged(picks, choice)
+                better = combinations.with_exchange(picks, choice)
             if better is None:
                 break
             picks = better
@@ -307,7 +306,7 @@ def fewest_levers(
             if not is_failing
             for candidate in group
         ]
-        outcomes = combinations.measured([candidate.job for candidate in possible])
+        outcomes = combinations.measure_all([candidate.job for candidate in possible])
         passing = [
             (rank(outcome), k)
             for k, outcome in enumerate(outcomes)

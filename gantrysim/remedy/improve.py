@@ -78,7 +78,7 @@ class Search:
         self._bench.task.name = "levers"
         return self._trials(self.start, candidates), skipped
 
-    def combined(self, levers: Sequence[Lever]) -> list[Pick]:
+    def best_picks(self, levers: Sequence[Lever]) -> list[Pick]:
         """Return the best combination, in the order in which its levers joined; empty where none helps."""
         self._bench.task.name = "combination"
         picks = best_combination(self._combinations, levers)
@@ -148,9 +148,9 @@ class Search:
         return self._bench.measure(job) if job is self.start.job else self._measure_all([job])[0]
 
     def _measure_all(self, jobs: Sequence[Job]) -> list[Outcome]:
-        return [self._admitted(outcome) for outcome in self._bench.measure_all(jobs)]
+        return [self._checked_outcome(outcome) for outcome in self._bench.measure_all(jobs)]
 
-    def _admitted(self, outcome: Outcome) -> Outcome:
+    def _checked_outcome(self, outcome: Outcome) -> Outcome:
         """Return the outcome, as a failure where it lays another part than the job: no row judges that."""
         return outcome if outcome.failure else replace(outcome, failure=another_part(self.start.outcome, outcome))
 
@@ -248,7 +248,7 @@ def improve(
     if wants_fastest:
         improvement = _with_fastest(improvement, bench)
     if improvement.changes_anything:
-        improvement = _confirmed(improvement, bench)
+        improvement = _confirmed_improvement(improvement, bench)
     after = improvement.after
     costs_time = after.passes and after.duration > _LONGER * before.duration
     if costs_time if by_place is None else by_place:
@@ -296,7 +296,7 @@ def _causes(job: Job, bad: Sequence[str], known: Causes | None) -> Causes | None
 def _searched_improvement(search: Search, levers: Sequence[Lever], before: Outcome) -> Improvement:
     plausible, implausible = search.plausible(levers)
     trials, inapplicable = search.alone(plausible)
-    picks = search.combined(plausible)
+    picks = search.best_picks(plausible)
     final = search.state_of(picks)
     return Improvement(
         base=search.start.job,
@@ -309,9 +309,9 @@ def _searched_improvement(search: Search, levers: Sequence[Lever], before: Outco
     )
 
 
-def _confirmed(improvement: Improvement, bench: Bench) -> Improvement:
-    """Return the result with what MuJoCo's run of the improved job shows, see `Bench.confirmed`."""
-    outcome, note = bench.confirmed(improvement.job)
+def _confirmed_improvement(improvement: Improvement, bench: Bench) -> Improvement:
+    """Return the result with what MuJoCo's run of the improved job shows, see `Bench.confirm`."""
+    outcome, note = bench.confirm(improvement.job)
     fastest = improvement.fastest
     if fastest is not None:
         fastest = replace(fastest, outcome=outcome)

@@ -24,7 +24,7 @@ from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, shown_gains
 from gantrysim.results.checks import FAIL, PASS, Check
-from gantrysim.results.glue import ploughing_remedy
+from gantrysim.results.glue import ploughing_reason, ploughing_remedy
 from gantrysim.results.row import Row
 from gantrysim.results.score import row_burden, usage_of, usages_of
 from gantrysim.results.verdict import Verdict
@@ -252,7 +252,7 @@ class Improvement(Shown):
             return f"{self.verdict.fault} The run ends in a fault: no lever is tried before that is repaired."
         if self.before.burden == 0 and not self.combination:
             return f"nothing to change: the verdict is {self.verdict.state}."
-        names = names_of(self.combination)
+        names = names_of(self.by_worst_value)
         if self.after.burden == 0:
             return f"passes with {names}."
         if missed := self._missed:
@@ -264,38 +264,47 @@ class Improvement(Shown):
         # then the row says itself what it lacks, as dots that get no glue
         if worst.fails_without_check or not worst.checks:
             return f"{remains}, {worst.remark}."
-        return f"{remains}, {worst.checks[0].brief}. What forbids it is {bound_of(self.job, self.after, worst.name)}."
+        reason = ploughing_reason(worst)
+        bound = reason or f"what forbids it is {bound_of(self.job, self.after, worst.name)}"
+        return f"{remains}, {worst.checks[0].brief}. {bound[0].upper()}{bound[1:]}."
 
     @property
     def _missed(self) -> str:
         """What to do about the worst value where no lever lowers it, and what the levers do; empty where one does."""
         row = self.verdict.worst_row
         check = self.verdict.worst_check
-        if row is None or check is None or self._lowers(row, check):
+        if row is None or check is None or _lowers(check, row.name, check.value, self.improved):
             return ""
         order = ploughing_remedy(self.improved[row.name])
         what = order or f"what forbids it is {bound_of(self.job, self.after, row.name)}"
-        text = f"no lever cures {check.brief}: {what}."
-        others = [
-            f"{gain.quantity} {gain.text}"
-            for gain in shown_gains(self.verdict, self.improved)
-            if gain.quantity != check.quantity and self.verdict[gain.row].state != PASS and gain.before != gain.after
-        ]
+        text = f"no lever cures {check.label or check.quantity}: {what}."
+        others: dict[str, str] = {}
+        for gain in shown_gains(self.verdict, self.improved):
+            if gain.quantity != check.quantity and self.verdict[gain.row].state != PASS and gain.before != gain.after:
+                # the worst one of a row tells enough
+                others.setdefault(gain.row, f"{gain.quantity} {gain.text}")
         if not others or not self.combination:
             return text
         names = names_of(self.combination)
         verb = "are" if len(self.combination) > 1 else "is"
-        return f"{text} {names[0].upper()}{names[1:]} {verb} for what else fails: {', '.join(others)}."
+        return f"{text} {names[0].upper()}{names[1:]} {verb} for what else fails: {', '.join(others.values())}."
 
-    def _lowers(self, row: Row, check: Check) -> bool:
-        """Return whether the improved job keeps the limit of a failing check, or comes nearer to it."""
-        if check.state != FAIL:
-            return True
-        now = next((same for same in self.improved[row.name].checks if same.name == check.name), None)
-        if now is None or now.state != FAIL:
-            return True
-        gained = now.value - check.value if check.at_least else check.value - now.value
-        return gained > (_LOWERED if check.limit else _LOWERED_TO_ZERO) * abs(check.value)
+    @property
+    def by_worst_value(self) -> list[Trial]:
+        """The levers of the combination, those first that lower the worst value."""
+        row = self.verdict.worst_row
+        check = self.verdict.worst_check
+        if row is None or check is None:
+            return list(self.combination)
+        first = []
+        value = check.value
+        for trial in self.combination:
+            verdict = trial.outcome.verdict
+            now = None if verdict is None else _same_check(check, row.name, verdict)
+            if verdict is not None and _lowers(check, row.name, value, verdict):
+                first.append(trial)
+            value = value if now is None else now.value
+        return [*first, *(trial for trial in self.combination if trial not in first)]
 
     @property
     def by_place_sentence(self) -> str:
@@ -317,7 +326,7 @@ class Improvement(Shown):
         return {name: text for name, text in lines.items() if text}
 
     @property
-    def untried(self) -> dict[str, str]:
+    def untried_levers(self) -> dict[str, str]:
         """Names of the levers that were not tried, by the reason."""
         names: dict[str, list[str]] = {}
         for skipped in self.skipped:
@@ -401,6 +410,19 @@ class Improvement(Shown):
         records = [_record(trial, combined=False) for trial in self.trials]
         records += [_record(trial, combined=True) for trial in self.combination]
         return pandas.DataFrame(records)
+
+
+def _same_check(check: Check, row: str, verdict: Verdict) -> Check | None:
+    return next((same for same in verdict[row].checks if same.name == check.name), None)
+
+
+def _lowers(check: Check, row: str, value: float, after: Verdict) -> bool:
+    """Return whether a failing check keeps its limit afterwards, or comes nearer to it than a value."""
+    now = _same_check(check, row, after)
+    if check.state != FAIL or now is None or now.state != FAIL:
+        return True
+    gained = now.value - value if check.at_least else value - now.value
+    return gained > (_LOWERED if check.limit else _LOWERED_TO_ZERO) * abs(value)
 
 
 def _usages(verdict: Verdict | None, rows: int = 0) -> list[str]:

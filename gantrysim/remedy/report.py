@@ -74,7 +74,7 @@ def change_section(improvement: Improvement) -> Section:
         rows = [improvement.rows[0], *improvement.trial_rows]
         title = f"Each lever alone: {len(improvement.trials)} runs"
         tables.append(Table(improvement.heads, rows, _caption(USAGE), folded=title))
-    texts += [f"Not tried, as {reason}: {names}." for reason, names in improvement.untried.items()]
+    texts += [f"Not tried, as {reason}: {names}." for reason, names in improvement.untried_levers.items()]
     lines = "\n".join(f"# {place}\n{text.rstrip()}\n" for place, text in improvement.lines.items())
     return Section(TITLE, texts, table=tables or None, code=lines or None)
 
@@ -95,7 +95,7 @@ def remedy_of(improvement: Improvement) -> Remedy:
         values = f"{values}; speed by place: gantrysim improve JOB --out FOLDER writes the program".removeprefix("; ")
     outcome = f"{after.headline}{remains}; {time}"
     lines = improvement.lines
-    names = f"{names_of(improvement.combination)}."
+    names = f"{names_of(improvement.by_worst_value)}."
     return Remedy(
         # what remains stands beside the levers, so that no change seems to cure what it does not
         _caption(names if after.state != FAIL else improvement.sentence),
@@ -111,7 +111,9 @@ def _values(improvement: Improvement) -> str:
     """Return the worst values after the changes of the rows that do not pass without them, or with them."""
     bad = [row.name for row in improvement.verdict.rows if row.state != PASS]
     rows = [row for row in improvement.improved.rows if row.checks and (row.name in bad or row.state != PASS)]
-    return "; ".join(f"{row.name}: {row.checks[0].brief}" for row in rows)
+    # the worst one is told with the verdict
+    worst = improvement.improved.worst_check
+    return "; ".join(f"{row.name}: {row.checks[0].brief}" for row in rows if row.checks[0] is not worst)
 
 
 def _caption(text: str) -> str:

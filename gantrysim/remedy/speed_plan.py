@@ -29,7 +29,7 @@ def few_speeds(wanted: Mapping[int, float], stretches: Stretches) -> dict[int, f
         lengths[place] = lengths.get(place, 0.0) + length
         programmed[place] = speed
     places = sorted(wanted)
-    speeds = [_written(wanted[place], programmed[place]) for place in places]
+    speeds = [_written_speed(wanted[place], programmed[place]) for place in places]
 
     def time(speeds: Iterable[float]) -> float:
         return sum(lengths[place] / speed for place, speed in zip(places, speeds, strict=True))
@@ -41,7 +41,7 @@ def few_speeds(wanted: Mapping[int, float], stretches: Stretches) -> dict[int, f
     joined = speeds
     for _ in range(_HALVINGS):
         share = 0.5 * (low + high)
-        trial = _joined(speeds, share)
+        trial = _merged_speeds(speeds, share)
         if time(trial) > allowed:
             high = share
         else:
@@ -50,7 +50,7 @@ def few_speeds(wanted: Mapping[int, float], stretches: Stretches) -> dict[int, f
     return dict(zip(places, joined, strict=True))
 
 
-def _joined(speeds: Sequence[float], share: float) -> list[float]:
+def _merged_speeds(speeds: Sequence[float], share: float) -> list[float]:
     """Return speeds of which neighbours that differ by at most a share of the fastest are one, the slowest of them."""
     joined: list[float] = []
     first = 0
@@ -66,7 +66,7 @@ def _joined(speeds: Sequence[float], share: float) -> list[float]:
     return joined
 
 
-def _written(wanted: float, programmed: float) -> float:
+def _written_speed(wanted: float, programmed: float) -> float:
     """Return the largest speed of few digits that is not above the one wanted."""
     if programmed <= wanted < (1 + _SAME) * programmed:
         return programmed

@@ -162,9 +162,9 @@ class Header:
         error = ("error", MUTED, run.error_text(tick), "8888.8 µm")
         rms_max = ("rms / max", MUTED, run.rms_max_text(tick), "8888 / 8888 µm")
         speed = ("speed", MUTED, f"{run.speed(tick):.1f} mm/s", "888.8 mm/s")
-        if run.faulted(time):
+        if run.has_faulted(time):
             values = [(f"fault {end}", COLOURS["fault"], "", ""), rms_max, error]
-        elif run.ended(time):
+        elif run.has_ended(time):
             values = [(f"ended {end}", MUTED, "", ""), rms_max]
         else:
             # in two lines the longest value has the second to itself

@@ -37,7 +37,7 @@ class Closing:
         raise NotImplementedError
 
 
-def offscreen(width: int, height: int, platform: str = sys.platform) -> Any:
+def offscreen_context(width: int, height: int, platform: str = sys.platform) -> Any:
     """Return a current OpenGL context for pictures of a size [pixels].
 
     On Linux it is EGL's, on a GPU where there is one, else OSMesa's, or the one that MUJOCO_GL names; on macOS and

@@ -282,7 +282,7 @@ class Panel:
 
     def _with_faults(self, time: float, strip: Picture) -> Picture:
         """Return the strip headed by the messages of faults that have ended runs by a time."""
-        faults = [fault for fault in self._faults if fault[0].faulted(time)]
+        faults = [fault for fault in self._faults if fault[0].has_faulted(time)]
         if not faults:
             return strip
         image = Image.fromarray(strip)

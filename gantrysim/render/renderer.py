@@ -16,7 +16,7 @@ from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
 from gantrysim.render.flight import Flight, View
 from gantrysim.render.framing import FIELD_OF_VIEW, Framing
-from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen
+from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen_context
 from gantrysim.render.scene import GLOSS, Scene
 
 # The geoms of a model in an order in which a renderer without a GPU draws them soon.
@@ -280,7 +280,7 @@ class Renderer(Closing):
         self._inset = None if self.framing is None else Inset.of(self.scene, self.framing, self.size)
         self._tip = int(model.site(NOZZLE).id)
         self._lights = self._refined_lights()
-        self._gl = offscreen(width, height)
+        self._gl = offscreen_context(width, height)
         try:
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         except mujoco.FatalError as error:

@@ -80,7 +80,7 @@ class Strip:
         self.left = round(max(font.width(f"{tick:g}") for tick in self.error_ticks) + 0.5 * font.size)
         self.right = width - 1 - round(1.8 * font.size)
         self.time_ticks = axis_ticks(self.end, (self.right - self.left) / (4.5 * font.size))
-        self._future, self._past = self._drawn()
+        self._future, self._past = self._draw()
 
     def column(self, time: float) -> float:
         """Return the column of a time [s]; later than the end, the end's."""
@@ -101,14 +101,14 @@ class Strip:
         radius = _SPOT * self._font.size
         for run, colour in zip(self._runs, self._colours, strict=True):
             error = run.error[run.tick(time)]
-            if run.faulted(time):
+            if run.has_faulted(time):
                 end = round(self.column(run.time[-1]))
                 _draw_spot(picture, end, self.row(np.nan_to_num(error)), radius, np.array(rgb(_FAULT)))
-            elif np.isfinite(error) and not run.ended(time):
+            elif np.isfinite(error) and not run.has_ended(time):
                 _draw_spot(picture, cursor, self.row(error), radius, colour)
         return picture
 
-    def _drawn(self) -> tuple[Picture, Picture]:
+    def _draw(self) -> tuple[Picture, Picture]:
         """Return the strip as drawn to the right of the cursor, and to the left."""
         paper = Image.new("RGB", self.size, PAPER)
         off = self._off()

@@ -103,11 +103,11 @@ class Telemetry:
         """Return the tick at a time [s]; the last one after the end."""
         return int(np.clip(round(time / self.run.period), 0, len(self.run.time) - 1))
 
-    def ended(self, time: float) -> bool:
+    def has_ended(self, time: float) -> bool:
         """Return whether the run has ended before a time [s]."""
         return time > float(self.time[-1]) + 0.5 * self.run.period
 
-    def faulted(self, time: float) -> bool:
+    def has_faulted(self, time: float) -> bool:
         """Return whether a fault has ended the run by a time [s]."""
         return self.run.fault is not None and self.tick(time) == len(self.time) - 1
 

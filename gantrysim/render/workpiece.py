@@ -98,11 +98,11 @@ class _Track:
     stretch: NDArray[np.intp]
 
     @property
-    def left(self) -> Floats:
+    def left_normals(self) -> Floats:
         """Left normals in plan view, (k, 2)."""
         return np.stack([-self.along[:, 1], self.along[:, 0]], axis=1)
 
-    def selected(self, mask: NDArray[np.bool_]) -> _Track:
+    def select(self, mask: NDArray[np.bool_]) -> _Track:
         """Return the selected samples; a gap divides a stretch."""
         parts = np.cumsum(np.diff(mask.astype(np.int8), prepend=0) == 1)
         _, stretch = np.unique(np.stack([self.stretch, parts])[:, mask], axis=1, return_inverse=True)
@@ -180,7 +180,7 @@ def _solid(track: _Track, reach: Floats, clear: float, floor: float) -> WorkPiec
     round_ends = np.repeat([-1.0, 1.0], len(ends))[:, None] * np.cos(_CAP)
     ahead = np.concatenate([np.zeros(3 * count), round_ends.ravel()]) * reach[sample]
     aside = np.concatenate([np.repeat([0.0, 1.0, -1.0], count), np.tile(np.sin(_CAP), len(tips))]) * reach[sample]
-    plan = track.point[sample, :2] + ahead[:, None] * track.along[sample] + aside[:, None] * track.left[sample]
+    plan = track.point[sample, :2] + ahead[:, None] * track.along[sample] + aside[:, None] * track.left_normals[sample]
     height = np.maximum(_ceiling(track, plan, sample, clear), floor)
     faces = Delaunay(plan).simplices
     a, b, c = np.moveaxis(plan[faces], 1, 0)
@@ -229,12 +229,12 @@ def _walls(track: _Track, top: NDArray[np.bool_], clear: float, floor: float) ->
     from scipy.spatial import cKDTree
 
     side = np.where(track.turning < 0, -1.0, 1.0)
-    near = track.point[:, :2] + (clear * side)[:, None] * track.left
-    far = track.point[:, :2] + ((clear + _WALL) * side)[:, None] * track.left
+    near = track.point[:, :2] + (clear * side)[:, None] * track.left_normals
+    far = track.point[:, :2] + ((clear + _WALL) * side)[:, None] * track.left_normals
     distance, _ = cKDTree(track.point[:, :2]).query(near)
     # in sharper bends the wall would fold
     stands = top & (distance > _BESIDE * clear) & ((clear + _WALL) * np.abs(track.turning) < 1)
-    upper = track.selected(stands)
+    upper = track.select(stands)
     side = side[stands]
     near = near[stands]
     far = far[stands]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from gantrysim.report.headline import cause_sentences, glue_sentences, headline
 from gantrysim.results.checks import PASS
+from gantrysim.results.glue import ploughing_remedy
 from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import GLUE, PATH
@@ -83,7 +84,12 @@ class Answer:
         title = verdict.headline.partition(" ")[2]
         if verdict.unjudged:
             title = f"{verdict.state}: {'fault' if verdict.fault else 'errors not known'}"
-        return cls(verdict.state, verdict.headline, rows, _spoilt(results), remedy, title)
+        spoilt = _spoilt(results)
+        order = "" if verdict.worst_row is None else ploughing_remedy(verdict.worst_row)
+        # told once, where it is the change
+        if remedy is not None and order and order in remedy.change:
+            spoilt = spoilt.replace(f": {order}", "")
+        return cls(verdict.state, verdict.headline, rows, spoilt, remedy, title)
 
 
 def _row(row: Row) -> AnswerRow:

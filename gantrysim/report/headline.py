@@ -80,7 +80,7 @@ def cause_sentences(causes: Causes) -> Iterator[str]:
     Effects do not add up, so that several causes may be worth half each; the largest is named.
     """
     worths = [
-        _Worth(effect.cause.name, effect.before["contour"].rms, effect.worth["contour"].rms)
+        _Worth(effect.cause.name, effect.before["contour"].rms, effect.worth["contour"].rms, effect.cause.meaning)
         for effect in causes.effects
         if effect.worth
     ]
@@ -107,7 +107,7 @@ def glue_cause_sentences(causes: GlueCauses) -> Iterator[str]:
     if check is None:
         return
     worths = [
-        _Worth(effect.cause.name, check.value, causes.worth(effect))
+        _Worth(effect.cause.name, check.value, causes.worth(effect), effect.cause.meaning)
         for effect in causes.effects
         if not math.isnan(causes.worth(effect))
     ]
@@ -125,6 +125,7 @@ class _Worth(NamedTuple):
     name: str
     whole: float
     worth: float
+    meaning: str = ""
 
     @property
     def share(self) -> float:
@@ -144,7 +145,8 @@ def _main_cause(worths: Sequence[_Worth], text: Callable[[float], str], least: f
         main = by_worth[0]
         kind = "Cause" if main.share >= _CAUSE else "Main cause"
         remaining = text(main.whole - main.worth)
-        return f"{kind}: {main.name}, worth {text(main.worth)} of {text(main.whole)}; without it {remaining} are left."
+        name = f"{main.name} ({main.meaning})" if main.meaning else main.name
+        return f"{kind}: {name}, worth {text(main.worth)} of {text(main.whole)}; without it {remaining} are left."
     names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in by_worth[:2] if cause.worth > least)
     return f"No single cause is worth half of it{f'; worth most: {names}' if names else ''}."
 

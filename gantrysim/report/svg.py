@@ -101,8 +101,8 @@ def _small_image(match: re.Match[str]) -> str:
 
 def _hundredths(number: int) -> str:
     """Return a number of hundredths with what parts it from the one before."""
-    size, rest = divmod(abs(number), 100)
-    text = f"{size or ''}.{rest:02d}".rstrip("0").rstrip(".") or "0"
+    ones, hundredths = divmod(abs(number), 100)
+    text = f"{ones or ''}.{hundredths:02d}".rstrip("0").rstrip(".") or "0"
     return f"-{text}" if number < 0 else f" {text}"
 
 

@@ -248,17 +248,16 @@ def _remedy(tick: int, bead: Bead) -> str:
     return f"it never lifts: lift it before dry moves{where}, or lead them around the bead"
 
 
-def ploughing_remedy(row: Row) -> str:
-    """Return what prevents the passes of the needle through glue, as an order; empty where its worst check is another.
-
-    Args:
-        row: the verdict on the glue.
-    """
+def ploughing_reason(row: Row) -> str:
+    """Return why the needle passes through glue, and what prevents it; empty where a row's worst check is another."""
     check = row.worst_check
-    if check is None or check.name != PLOUGHED.name:
-        return ""
-    # the remark's last part, without its reason
-    return row.remark.rpartition("; ")[2].rpartition(": ")[2]
+    # the last part of the remark
+    return row.remark.rpartition("; ")[2] if check is not None and check.name == PLOUGHED.name else ""
+
+
+def ploughing_remedy(row: Row) -> str:
+    """Return what prevents the passes of the needle through glue, as an order, likewise."""
+    return ploughing_reason(row).rpartition(": ")[2]
 
 
 def _counted_noun(number: int, noun: str) -> str:

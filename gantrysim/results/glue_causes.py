@@ -45,12 +45,14 @@ class GlueCause:
         off: what the bead without it is like.
         without: returns the record without it, or the record itself where it is absent.
         moves: whether that has another trace of the nozzle.
+        meaning: in a few words, where the name alone does not tell what it is.
     """
 
     name: str
     off: str
     without: Callable[[Job, Bead], Run]
     moves: bool = False
+    meaning: str = ""
 
 
 def without_dead_time(dispenser: Dispenser) -> Dispenser:
@@ -77,7 +79,7 @@ def without_lag(dispenser: Dispenser) -> Dispenser:
     return dispenser if is_same else instant
 
 
-def _dispensed(change: Callable[[Dispenser], Dispenser]) -> Callable[[Job, Bead], Run]:
+def _with_dispenser(change: Callable[[Dispenser], Dispenser]) -> Callable[[Job, Bead], Run]:
     def without(job: Job, bead: Bead) -> Run:
         changed = change(job.dispenser)
         return bead.run if changed is job.dispenser else dispensed_otherwise(bead.run, changed)
@@ -123,7 +125,7 @@ def at_constant_speed(job: Job, bead: Bead) -> Run:
     return run.replaced(flow=constant, flow_demand=demand)
 
 
-def _moved(keep: tuple[float, float, float]) -> Callable[[Job, Bead], Run]:
+def _with_nozzle_shift(keep: tuple[float, float, float]) -> Callable[[Job, Bead], Run]:
     """Return a function that takes the nozzle's contour error away along the axes of which 0 is kept."""
 
     def without(job: Job, bead: Bead) -> Run:
@@ -140,12 +142,24 @@ def _moved(keep: tuple[float, float, float]) -> Callable[[Job, Bead], Run]:
 
 GLUE_CAUSES = (
     GlueCause(
-        "valve delay", "the flow begins to change at once, without the leads for it", _dispensed(without_dead_time)
+        "valve delay", "the flow begins to change at once, without the leads for it", _with_dispenser(without_dead_time)
     ),
-    GlueCause("lag", "the flow follows its request after the dead time", _dispensed(without_lag)),
-    GlueCause("speed changes", "the nozzle passes all of its path at one speed", at_constant_speed),
-    GlueCause("path error", "the nozzle is above the requested path", _moved((0.0, 0.0, 1.0)), moves=True),
-    GlueCause("needle gap", "the needle's height above the work is exact", _moved((1.0, 1.0, 0.0)), moves=True),
+    GlueCause(
+        "lag",
+        "the flow follows its request after the dead time",
+        _with_dispenser(without_lag),
+        meaning="of the flow behind its request",
+    ),
+    GlueCause(
+        "speed changes",
+        "the nozzle passes all of its path at one speed",
+        at_constant_speed,
+        meaning="which the flow does not follow",
+    ),
+    GlueCause("path error", "the nozzle is above the requested path", _with_nozzle_shift((0.0, 0.0, 1.0)), moves=True),
+    GlueCause(
+        "needle gap", "the needle's height above the work is exact", _with_nozzle_shift((1.0, 1.0, 0.0)), moves=True
+    ),
 )
 
 
@@ -232,7 +246,7 @@ def glue_causes_of(job: Job, bead: Bead) -> GlueCauses | None:
         job: the job.
         bead: of its run.
     """
-    row = _judged(job, bead)
+    row = _judged_row(job, bead)
     if row.worst_check is None or row.state == PASS:
         return None
     return GlueCauses(row, tuple(_effects(job, bead, row)))
@@ -246,12 +260,12 @@ def _effects(job: Job, bead: Bead, row: Row) -> Iterator[GlueEffect]:
                 yield GlueEffect(cause, row)
                 continue
             analysis = Analysis(run) if cause.moves else bead.analysis
-            yield GlueEffect(cause, _judged(job, Bead(run, job.bead, analysis)))
+            yield GlueEffect(cause, _judged_row(job, Bead(run, job.bead, analysis)))
         except InputError as error:
             yield GlueEffect(cause, None, str(error))
 
 
-def _judged(job: Job, bead: Bead) -> Row:
+def _judged_row(job: Job, bead: Bead) -> Row:
     run = bead.run
     width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else float("nan")
     place_at = places_of(run, program_lines(job, len(run.time)))

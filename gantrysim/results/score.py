@@ -27,7 +27,7 @@ _OF_ZERO = 0.25  # weight of the size of a value whose limit is 0
 
 def usage_of(row: Row) -> float:
     """Return the usage of a row's worst check, nan where none is judged; `CAP` for a failure without a check."""
-    return max(_counted(row), default=math.nan)
+    return max(_counted_usages(row), default=math.nan)
 
 
 def usages_of(row: Row) -> list[float]:
@@ -35,14 +35,14 @@ def usages_of(row: Row) -> list[float]:
     return [check.usage for check in row.checks if not math.isnan(check.usage)]
 
 
-def _counted(row: Row) -> list[float]:
+def _counted_usages(row: Row) -> list[float]:
     return [*usages_of(row), *([CAP] if row.fails_without_check else [])]
 
 
 def row_burden(row: Row) -> float:
     """Return what a row adds to the burden of its verdict."""
     without_bound = (check for check in row.checks if check.limit == 0 and check.state == FAIL)
-    return burden_of_usages(_counted(row)) + _OF_ZERO * sum(math.log1p(check.value) for check in without_bound)
+    return burden_of_usages(_counted_usages(row)) + _OF_ZERO * sum(math.log1p(check.value) for check in without_bound)
 
 
 def burden_of_usages(usages: Iterable[float]) -> float:

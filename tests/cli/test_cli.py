@@ -135,7 +135,8 @@ def test_causes_are_found_by_default(gantrysim_command, tmp_path):
     summary = json.loads((tmp_path / "summary.json").read_text())
     causes = summary["causes"]
     assert re.search(
-        r"\. Cause: program, worth [\d.]+ µm of [\d.]+ µm; without it [\d.]+ µm are left\.$", summary["headline"]
+        r"\. Cause: program \([\w ]+\), worth [\d.]+ µm of [\d.]+ µm; without it [\d.]+ µm are left\.$",
+        summary["headline"],
     )
     assert summary["headline"] in " ".join(printed.split())
     assert list(causes) == ["program", "sampling", "counts", "friction", "winding", "compliance"]

@@ -309,7 +309,7 @@ def test_runs_are_labelled_by_the_values_in_which_their_jobs_differ():
     assert labelled(base) == ["an225"]
 
     def against(*settings):
-        return labelled(base, base.overridden(settings))
+        return labelled(base, base.with_overrides(settings))
 
     assert against("loop_period=1.0") == ["loop_period = 0.1 s", "loop_period = 1 s"]
     assert against("feedforward=0") == ["feedforward = 1", "feedforward = 0"]
@@ -333,15 +333,15 @@ def test_runs_are_labelled_by_the_values_in_which_their_jobs_differ():
         "diameter = 120 mm, turns = 4, speed = 100 mm/s, 1 more",
         "diameter = 100 mm, turns = 3, speed = 50 mm/s, 1 more",
     ]
-    four = [base.overridden([f"loop_period={period}"]) for period in (1.0, 0.3, 0.1, 0.01)]
+    four = [base.with_overrides([f"loop_period={period}"]) for period in (1.0, 0.3, 0.1, 0.01)]
     assert labelled(*four) == [f"loop_period = {period} s" for period in ("1", "0.3", "0.1", "0.01")]
 
 
 def test_parts_of_a_program_have_their_units_and_ambiguous_keys_are_given_in_full():
     base = Job.load("softmc-arc")
-    assert labelled(base, base.overridden(["program.group.velocity=120"]))[1] == "velocity = 120 mm/s"
+    assert labelled(base, base.with_overrides(["program.group.velocity=120"]))[1] == "velocity = 120 mm/s"
     recorded = base.changed({"program.record": {"points": 10, "gap": 2, "what": ["PCMD"]}})
-    other = recorded.overridden(["program.record.gap=4", "bead.gap=0.4"])
+    other = recorded.with_overrides(["program.record.gap=4", "bead.gap=0.4"])
     assert labelled(recorded, other)[1] == "program.record.gap = 4, bead.gap = 0.4 mm"
 
 
@@ -349,7 +349,7 @@ def test_runs_with_long_differences_are_labelled_by_their_folders():
     base = Job.load("fanuc-spiral")
     other = base.changed({"program.program": str(base.program["program"]).replace("F6000", "F5000")})
     assert labelled(base, other) == ["run-0", "run-1"]
-    slower = other.overridden(["dispenser.flow=100"])
+    slower = other.with_overrides(["dispenser.flow=100"])
     assert [label.rpartition(", ")[2] for label in labelled(base, slower)] == ["1 more"] * 2
     assert labelled(base, base, folders=["a/out", "b/out"]) == ["a/out", "b/out"]
     assert labelled(base, base, folders=["a", "../b"]) == ["a", "b"]

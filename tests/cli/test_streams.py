@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from support.soaked import suite_runs
 from support.studies import SHORT
 
 SETTINGS = [word for setting in SHORT for word in ("--set", setting)]
@@ -31,12 +32,16 @@ def names(folder):
 
 @pytest.mark.parametrize(
     ("redirection", "options", "written"),
-    [
-        ("| head -1", ("--no-report",), RECORDED),
-        ("| true", ("--no-report",), RECORDED),
-        (">&-", ("--no-report",), RECORDED),
-        (">&- 2>&- <&-", (), ALL),
-    ],
+    suite_runs(
+        [
+            ("| head -1", ("--no-report",), RECORDED),
+            ("| true", ("--no-report",), RECORDED),
+            (">&-", ("--no-report",), RECORDED),
+            (">&- 2>&- <&-", (), ALL),
+        ],
+        0,
+        3,
+    ),
 )
 def test_a_closed_output_is_silence_and_all_is_written(tmp_path, redirection, options, written):
     status, printed, errors = shell(tmp_path, (*RUN, *options), redirection)

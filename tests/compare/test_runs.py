@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from gantrysim import Fault, InputError, SavedRun
+from gantrysim import Fault, InputError, Job, SavedRun
 from gantrysim.cli import terminal
 from gantrysim.cli.compare import comparison_tables
+from gantrysim.compare.runs.answer import _losses
 from gantrysim.compare.runs.common_path import Track, parting_of
 from gantrysim.compare.runs.compared_run import names_of_folders, names_of_jobs
 from gantrysim.compare.runs.differences import CheckChange
@@ -380,9 +381,35 @@ def test_the_overlay_begins_where_the_first_run_is_worst_by_its_verdict(comparis
     assert first["time"][row] == pytest.approx(verdict.worst_place.time, abs=2 * PERIODS[0])
 
 
+def test_the_overlay_begins_nowhere_where_the_first_run_passes():
+    program = {"controller": "linuxcnc.Program", "text": "G21 G90 G1 X20 F600\nY10\nM2\n"}
+    tolerance = {"path_max": 5.0, "bead_width": 99.0, "start_length": 5.0, "stop_length": 5.0}
+    content = {"name": "corner", "machine": "xy", "program": program, "dispenser": {"area": 1.0}}
+    job = Job.of_content({**content, "tolerance": tolerance}, "job corner")
+    run = job.follow()
+    passed = compare_runs(run, run.replaced(nozzle=run.nozzle + 1e-3))
+    assert passed.verdicts[0].state == "pass"
+    assert passed.verdicts[0].worst_place is not None
+    assert OverlayData(passed).content()["worst"] is None
+
+
 def test_the_errors_of_runs_over_one_another_have_the_limit(comparison):
     panel = draw_overlaid_errors(Figure(), comparison)[0]
     limit = 1e3 * comparison.verdicts[0].tolerance.path_max
     limits = [line.get_ydata()[0] for line in panel.lines if line.get_linestyle() == "--" and line.get_color() == BAD]
     texts = [text.get_text() for text in panel.texts]
     assert limits == pytest.approx([limit, -limit]) or texts == [f"limit ± {limit:.3g} µm, beyond this scale"]
+
+
+def test_what_is_worse_in_the_better_run_is_told_with_the_largest_loss_first():
+    def change(name, best, rival):
+        checks = (
+            Check(name=name, quantity=name, value=value, limit=10.0, unit="mm", source="given")
+            for value in (best, rival)
+        )
+        return CheckChange("glue", tuple(checks))
+
+    changes = [change("a", 12.0, 11.0), change("b", 30.0, 11.0), change("c", 5.0, 4.0), change("d", 20.0, 11.0)]
+    texts = _losses(changes, 0, 1).split("; ")
+    assert [text.partition(":")[0] for text in texts] == ["b", "d", "a"]
+    assert texts[0] == "b: 30.0 against 11.0 mm (at most 10.0 mm)"

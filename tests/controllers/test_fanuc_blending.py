@@ -156,3 +156,13 @@ def test_dry_run_in_blended_motion_keeps_the_limit():
     setpoints = made.setpoints(PERIOD)
     assert np.abs(second_differences(setpoints)).max() <= 1000 * (1 + OVER)
     assert steps(setpoints)[4500] == pytest.approx(20, rel=1e-3)
+
+
+@pytest.mark.parametrize(("code", "stops"), [("M08", True), ("M64 P1", True), ("M98 P2", False), ("F3000", False)])
+def test_a_motion_comes_to_rest_before_a_block_of_m_codes_alone(code, stops):
+    """On a straight line of 20 mm and 40 mm at 50 mm/s, where nothing else slows it."""
+    text = f"G01 X20 F3000\n{code}\nX60\nM30\nO2\nM99"
+    ramp = 50 / 500
+    expected = 60 / 50 + (2 if stops else 1) * ramp
+    # the planner ramps with a thousandth less than the acceleration
+    assert Program(program=text, acceleration=500).duration == pytest.approx(expected, rel=1e-3)

@@ -61,6 +61,8 @@ def test_macros_move_as_their_arithmetic_says(text, expected):
     [
         ("G10 L2 P2 X10 Y20\nG55 G01 X1 Y1 F600\nG54 X0", [(11, 21), (0, 21)]),
         ("G01 X5 F600\nG92 X0\nX1", [(5, 0), (6, 0)]),
+        # in a coordinate system of another zero
+        ("G10 L2 P2 X10\nG55 G01 X5 F600\nG92 X0\nX1", [(15, 0), (16, 0)]),
         ("G52 X10\nG01 X1 F600\nG52 X0\nX2", [(11, 0), (2, 0)]),
         ("G10 L2 P1 X10\nG01 X1 F600\nG53 X1\nX1", [(11, 0), (1, 0), (11, 0)]),
         ("G10 L2 P2 X10\nG10 L2 P2 X7\nG55 G01 X1 F600", [(8, 0)]),

@@ -137,6 +137,9 @@ def test_a_driven_dispenser_and_the_bounds_of_the_key():
     text = TRIO.format(first="AOUT(0)=2", second="AOUT(0)=5")
     with pytest.raises(InputError, match="per_output multiplies the program's flow_output, which is not stated"):
         perfect_follower(Machine("xy"), Basic(text=text).setpoints(PERIOD), dispenser=Dispenser(per_output=3.0))
+    # before anything is simulated
+    with pytest.raises(InputError, match="per_output multiplies the program's flow_output, which is not stated"):
+        Dispenser(per_output=3.0).check(Basic(text=text).setpoints(PERIOD))
     assert any("AOUT(0): set without effect" in note for note in Basic(text=text).notes)
     for word in ("AOUT", "M67 E0", "OP(5,2)", "OP(0,40)", "AOUT(64)", "AOUT(0,1)", "DAC AXIS(99)"):
         with pytest.raises(InputError, match="flow_output = "):
@@ -153,3 +156,12 @@ def test_outputs_of_trio_other_than_the_valve_are_named():
         for note in Basic(text=text).notes
     )
     assert not any("never switched" in note for note in Basic(text=text, valve=5).notes)
+
+
+def test_an_output_of_trio_that_is_not_the_one_of_the_flow_is_said_to_have_no_effect():
+    text = TRIO.format(first="AOUT(0)=2", second="AOUT(1)=5")
+    for flow, unused in (("AOUT(0)", "AOUT(1)"), ("AOUT(1)", "AOUT(0)"), ("", "AOUT(0), AOUT(1)")):
+        notes = [note for note in Basic(text=text, flow_output=flow).notes if "set without effect" in note]
+        assert [note.partition(": set without effect")[0] for note in notes] == [unused]
+    both = Basic(text=text.replace("AOUT(1)", "AOUT(0)"), flow_output="AOUT(0)")
+    assert not any("set without effect" in note for note in both.notes)

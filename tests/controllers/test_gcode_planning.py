@@ -117,7 +117,7 @@ def test_a_corner_is_passed_on_an_arc_of_the_tolerance(turn, tolerance):
     assert path.radius == pytest.approx([radius])
     middle = path.position(np.array([path.ends[1] + 0.5 * path.lengths[1]]))[0]
     assert math.dist(middle, (50, 0, 0)) == pytest.approx(tolerance)
-    at = controller.plan.profile.reached(path.ends[1] + 0.5 * path.lengths[1])
+    at = controller.plan.profile.time_at(path.ends[1] + 0.5 * path.lengths[1])
     assert controller.plan.profile.velocity(at) == pytest.approx(math.sqrt(math.sqrt(0.75) * A * radius))
     assert deviation(controller) <= tolerance * 1.001
 
@@ -223,7 +223,7 @@ def test_the_corner_between_a_line_and_an_arc_is_that_of_their_tangents(degrees)
     half_circle = f"G3 X{end.real:.9f} Y{end.imag:.9f} I{centre.real:.9f} J{centre.imag:.9f}"
     controller = program(f"F2400 G61\nG1 X50\n{half_circle}", cycle=cycle)
     profile = controller.plan.profile
-    at_corner = float(profile.velocity(profile.reached(50.0)))
+    at_corner = float(profile.velocity(profile.time_at(50.0)))
     assert at_corner == pytest.approx(min(A * cycle / (2 * math.sin(turn / 2)), 40), rel=1e-6)
 
 

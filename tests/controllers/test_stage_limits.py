@@ -96,7 +96,7 @@ def test_linear_pieces_halt_at_every_joint_where_an_acceleration_is_limited():
     limits = {"acceleration": (3000.0, 3000.0, 3000.0)}
     trace = OutlineTrace(**limits, corner_pieces=3)
     s = np.concatenate([np.linspace(*trace.turning.s[k : k + 2], 4) for k in (1, 3, 5, 7)])
-    halts = trace.profile.velocity(np.array([trace.profile.reached(at) for at in s]))
+    halts = trace.profile.velocity(np.array([trace.profile.time_at(at) for at in s]))
     assert halts == pytest.approx(np.zeros(s.size), abs=1e-2)
     # each from rest to rest: the axis that needs most of its limit a millimetre sets the pace
     edges = np.unique(np.concatenate([trace.turning.s, s]))
@@ -122,7 +122,7 @@ def test_the_time_with_halts_at_every_joint_in_closed_form(alpha):
     corners = 4 * trapezoid(5 * math.pi, 50, math.radians(alpha) * 10)
     assert trace.duration == pytest.approx(edges + corners, rel=1e-3)  # a thousandth of the accelerations is in hand
     assert trace.duration >= edges + corners
-    halts = trace.profile.velocity(np.array([trace.profile.reached(s) for s in trace.turning.s]))
+    halts = trace.profile.velocity(np.array([trace.profile.time_at(s) for s in trace.turning.s]))
     assert halts == pytest.approx(np.zeros(9), abs=1e-3)
 
 

@@ -241,3 +241,12 @@ def test_an_interface_output_of_fanuc_switches_the_valve_as_an_m_code_does():
     other = fanuc_program("#1101=1\nM8\nG01 X20 F1200\nM9\nG01 X30\nM8\nG01 X40\nM9\nM30")
     assert laid(other) == [[0, 20], [30, 40]]
     assert any(note.endswith("#1101=1 does not switch it.") for note in other.notes)
+
+
+@pytest.mark.parametrize("program", DIALECTS)
+def test_a_dot_is_laid_though_the_needle_is_lifted_before_the_valve_closes(program):
+    """Only a dwell before the needle goes down is one in the air."""
+    text = "G21 G90\nG0 X10 Y0 Z10 F6000\nG1 Z0 F600\nS1000 M3\nG4 P{}\nG1 Z10\nM5\nG0 X50 F6000\nM30"
+    setpoints = program(text.format("200" if program in (fanuc_program, printer_program) else "0.2")).setpoints(PERIOD)
+    assert setpoints.dispense.sum() * PERIOD == pytest.approx(0.2, abs=3 * PERIOD)
+    assert np.ptp(setpoints.position[setpoints.dispense, 2]) < 0.01

@@ -542,6 +542,7 @@ def add_controller_law_and_faults(copy):
     edited(copy / "servo" / "laws" / "__init__.py", laws, f"{imported}{laws}BIAS, ")
 
 
+@pytest.mark.soak
 def test_a_controller_a_law_and_faults_are_added_as_the_architecture_says(fresh, extended, tmp_path):
     """Each is its folder or file, and its line in a list."""
     copy, _ = extended

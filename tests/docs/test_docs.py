@@ -82,6 +82,7 @@ EXAMPLES = {
 }
 
 
+@pytest.mark.first
 def test_the_python_blocks_of_the_pages_run(fresh, tmp_path):
     """Page after page in one process, each with names of its own: imports and compiled functions are loaded once."""
     steps = []
@@ -280,6 +281,7 @@ def test_the_benchmark_prints_what_it_is_asked_for(keys):
 
 LONG_BENCHMARKS = {
     "import_time",
+    "scalar_env",
     "vector_env",
     "bead_env",
     "speed_env",

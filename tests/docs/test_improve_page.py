@@ -21,4 +21,6 @@ def test_every_built_in_job_passes_or_is_told_why_none_can():
     assert [row.split("`")[1] for row in rows] == builtin_jobs()
     passing = [row for row in rows if "| ✓ pass |" in row]
     assert len(passing) >= 8
-    assert all("What forbids it is" in row for row in rows if row not in passing)
+    # of a needle that passes through glue, what prevents it
+    told = ("What forbids it is", "lay it without crossings", "lead them around the bead")
+    assert all(any(words in row for words in told) for row in rows if row not in passing)

@@ -128,6 +128,7 @@ def pulse(age):
     ],
     ids="+".join,
 )
+@pytest.mark.first
 def test_the_tick_computes_the_laws(xy, names):
     late = {"delay": 2.5e-4} if "observer" in names else {}
     servo = Servo.derive(xy.axes, law=names, notch_frequency=0.0, integral_time=0.1, **late)

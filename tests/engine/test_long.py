@@ -150,6 +150,7 @@ NEEDLE = Needle(bore=0.84, length=25.0, consistency=50.0, index=0.6, yield_stres
 
 @pytest.mark.parametrize("seed", suite_runs(range(12), 0, 1, 2))
 @pytest.mark.parametrize("metering", ["volumetric", "needle", "syringe"])
+@pytest.mark.first
 def test_the_flow_is_the_same_in_any_blocks(monkeypatch, seed, metering):
     rng = np.random.default_rng(seed)
     on, speed = np.repeat(rng.random(20) < 0.6, 50), 100 * rng.random(1000)

@@ -155,9 +155,10 @@ def compare_random(seed, tmp_path):
     return True
 
 
+@pytest.mark.first
 def test_random_machines_run_as_in_mujoco(tmp_path):
-    compared = [compare_random(seed, tmp_path) for seed in range(30)]
-    assert sum(map(bool, compared)) > 5
+    compared = [compare_random(seed, tmp_path) for seed in range(12)]
+    assert sum(map(bool, compared)) > 2
 
 
 @pytest.mark.soak

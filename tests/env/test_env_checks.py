@@ -16,6 +16,8 @@ from support.soaked import suite_runs
 
 IDS = [TUNING, BANDIT]
 
+pytestmark = pytest.mark.first
+
 
 @pytest.fixture(autouse=True)
 def logger_speaks():

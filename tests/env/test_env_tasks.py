@@ -318,3 +318,19 @@ def test_the_log_of_an_override_knows_the_drives():
     simulation = batch.episodes[0].simulation
     assert (simulation.drives["current"]["lead"] > 0).all()
     np.testing.assert_array_equal(simulation.book._drives[:, 0], simulation.drives["current"]["lead"])
+
+
+def test_the_camera_sees_a_clog_once_it_has_come_to_it():
+    """10 mm behind the nozzle, at 50 mm/s."""
+    env = BeadWidthEnv(camera_noise=0.0, speed=50.0, decision_interval=0.01, behind=10.0)
+    observation, _ = env.reset(seed=1, options={"task": {**STEADY, "viscosity": 1.0, "clog": 0.5, "clog_time": 1.0}})
+    at = env.observation_names.index("width_error")
+    # from after the start, where the pressure rises
+    for _ in range(95):
+        observation, *_ = env.step(still(None))
+    assert abs(observation[at]) < 0.1
+    while observation[at] > -2.0:
+        observation, *_ = env.step(still(None))
+    seen = env.run.time[-1] - 1.0
+    # pieces of the bead, and the interval
+    assert 10.0 / 50.0 <= seen <= (10.0 + 2 * 0.55) / 50.0 + 0.02

@@ -10,6 +10,7 @@ import pytest
 from gantrysim import Job
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.identify.checks.finding import NotIdentifiedError
+from gantrysim.identify.dispenser.advice import _weighings
 from gantrysim.identify.dispenser.identification import identify_dispenser
 from gantrysim.identify.dispenser.measurements import needle_of, read_measurements
 from gantrysim.identify.dispenser.output import tables_text
@@ -105,6 +106,9 @@ def test_without_its_needle_a_glue_has_no_consistency_but_a_flow(tmp_path):
 
 def test_the_tables_run_in_a_job_with_the_measured_flow(tmp_path):
     found = identified(tmp_path, weighings(Fluid(30.0, 0.6, 0.0), PRESSURES), **GLUE)
+    # of a power law, at the mean wall stress p R / (2 L) of 60 kPa and 700 kPa
+    stress = 1e3 * np.sqrt(60.0 * 700.0) * 0.41 / (4 * 12.7)
+    assert found["viscosity"].value == pytest.approx(stress / (stress / 30.0) ** (1 / 0.6), rel=0.03)
     program = "G21 G90 G64 P0.01\nG0 Z5\nG0 X10 Y10\nG1 Z0.3 F600\nM8\nG1 X60 F600\nM9\nG0 Z5\nM2\n"
     (tmp_path / "line.ngc").write_text(program, encoding="utf-8")
     head = 'name = "line"\nmachine = "xyz"\n[program]\ncontroller = "linuxcnc.Program"\nfile = "line.ngc"\n\n'
@@ -230,6 +234,9 @@ def test_a_pump_s_slip_needs_two_needles(tmp_path):
     rows(12.7)
     one = identified(tmp_path, "\n".join(lines), density=1.2, needle=(0.61, 12.7))
     assert not one["pump.leak"].identified
+    # what could be weighed next is between 0.7 and 1.5 times the speeds so far
+    speeds = {float(re.search(r"at ([\d.]+) rpm", words)[1]) for words, _ in _weighings(one.fit)}
+    assert (min(speeds), max(speeds)) == pytest.approx((0.7 * 5, 1.5 * 80), rel=0.01)
     assert one["pump.displacement"].low <= displacement <= one["pump.displacement"].high
     rows(50.0)
     two = identified(tmp_path, "\n".join(lines), density=1.2, needle=(0.61, 12.7))

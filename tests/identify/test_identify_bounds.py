@@ -93,6 +93,11 @@ def test_a_unit_of_length_is_told_by_its_size(unit, size):
     assert f"position in {unit} read as mm" in inertia_hint(AXIS, 1 / size)
 
 
+def test_a_unit_of_time_is_told_by_its_square():
+    assert "time in ms read as s" in inertia_hint(AXIS, 1.2e6)
+    assert "time" not in inertia_hint(AXIS, 1e3)
+
+
 def test_the_motor_s_angle_and_counts_are_told_by_the_axis():
     """10 mm a turn: 0.1 turns, 36 degrees, 0.628 rad and 1000 counts of 1 µm make a millimetre."""
     assert pytest.approx(10 / math.tau) == AXIS.scale
@@ -450,3 +455,13 @@ def test_terms_of_friction_are_their_formulas():
 def test_terms_of_friction_are_told_in_words(term, coefficients, words):
     covariance = 1e-8 * np.eye(len(coefficients))
     assert term.words(np.array(coefficients), covariance, 0.025, 100.0, "mm") == words
+
+
+@pytest.mark.parametrize(("unit", "size"), [("µm", 1e3), ("inches", 1 / 25.4), ("m", 1e-3)])
+def test_a_position_too_far_is_in_the_unit_that_the_inertia_suggests(unit, size):
+    """In a unit of which the millimetre has `size`, the inertia per unit is as much smaller."""
+    low, high = AXIS.travel
+    position = np.linspace(0.0, 2.5 * (high - low), 9)
+    with pytest.raises(NotIdentifiedError, match=f"position in .*{unit}.* read as {AXIS.unit}") as error:
+        check_travel(AXIS, position, 1 / size)
+    assert str(error.value).partition("position in ")[2].startswith(unit)

@@ -36,7 +36,7 @@ def checks(found):
 @pytest.mark.parametrize(
     ("law", "seed", "word"),
     [
-        ("stribeck", 2, ""),
+        pytest.param("stribeck", 2, "", marks=pytest.mark.soak),
         ("load", 1004, "friction by load"),
         ("quadratic", 1005, "drag by the square of the speed"),
         ("position", 1003, "friction over the travel"),

@@ -75,3 +75,13 @@ def test_a_jittering_clock_is_said_where_the_period_is_given():
         "log: its time stamps are off even ones by up to 40 % of the period; its samples are taken to be even, 1 ms "
         "apart, as the period is given"
     )
+
+
+@pytest.mark.parametrize("period", [None, PERIOD])
+def test_a_recording_that_begins_anew_is_another_piece(period):
+    """As a scope's buffers one after the other, each with a time from zero on."""
+    found = instants_of(WHOLE, np.concatenate([TIME[:200], TIME[:300]]), period)
+    assert found.period == pytest.approx(PERIOD)
+    assert found.pieces == (slice(0, 200), slice(200, 500))
+    assert found.begins == (0.0, 0.0)
+    assert "in 2 pieces, as rows or values are missing after 0.199 s" in found.notes[-1]

@@ -8,6 +8,7 @@ from gantrysim.controllers.gcode import linuxcnc
 from gantrysim.controllers.softmc import Basic as McBasic
 from gantrysim.controllers.trio import Basic as TrioBasic
 from gantrysim.identify.plan import excitation, strokes
+from gantrysim.machine.travel import travel_edit
 
 PERIOD = 1e-3
 READERS = {"trio": TrioBasic, "softmc": McBasic, "linuxcnc": linuxcnc.Program}
@@ -63,3 +64,15 @@ def test_what_is_refused():
         excitation(Machine("stage"), "trio")
     with pytest.raises(InputError, match="machine delta"):
         excitation(Machine("delta"), "trio")
+
+
+@pytest.mark.parametrize(
+    ("travel", "longest"), [((-20.0, 100.0), 42.0), ((-100.0, 20.0), -42.0), ((-900.0, 10.0), -80.0)]
+)
+def test_strokes_go_towards_the_further_end_of_the_travel(travel, longest):
+    """35 % of the travel, or 80 mm."""
+    machine = Machine("xy")
+    machine = machine.edited(travel_edit(machine.axes, {"x": travel}))
+    distances = [stroke.distance for stroke in strokes(machine) if stroke.axis == "x"]
+    assert max(distances, key=abs) == pytest.approx(longest)
+    assert all(distance * longest > 0 for distance in distances)

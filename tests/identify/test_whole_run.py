@@ -1,9 +1,13 @@
 """The whole run: a fitted machine repeats its own log, the nominal one does not, and a wrong fit is told."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
 
 from gantrysim.identify.identification import identify
-from gantrysim.identify.whole_run import LARGEST_ADDED_TORQUE, whole_run
+from gantrysim.identify.whole_run import LARGEST_ADDED_TORQUE, _effective, whole_run
 
 from support.identification_logs import MACHINE, random_log
 
@@ -22,3 +26,14 @@ def test_the_fitted_machine_repeats_the_run_and_the_nominal_one_does_not():
     (other,) = whole_run(heavy, log)
     assert other.fitted > LARGEST_ADDED_TORQUE * other.torque
     assert f"{100 * run.written / run.torque:.2g} %" in run.sentence
+
+
+@pytest.mark.parametrize(("held", "late"), [(True, 3e-3), (False, 2e-3)])
+def test_the_engine_gets_the_torque_of_a_log_as_late_as_it_acts(held, late):
+    """A demand acts after the delay; a motor's torque has the winding's lag of 1 ms, which the engine adds, in it."""
+    ramp = np.arange(100.0)[:, None]
+    fit = SimpleNamespace(axis="x", model=SimpleNamespace(delay=3e-3))
+    machine = SimpleNamespace(axes=[SimpleNamespace(lag=1e-3)], axis_names=("x",))
+    log = SimpleNamespace(torque=ramp, period=1e-3, held=held)
+    torque = _effective(SimpleNamespace(fits=[fit], machine=machine), log)
+    np.testing.assert_allclose(torque[10:, 0], ramp[10:, 0] - late / 1e-3)

@@ -179,7 +179,7 @@ def test_a_record_is_read_without_its_code_and_its_job_does_not_run(either, code
         read.run,
         lambda: read.margins if code is LAW else read.controller,
         lambda: read.changed({"program.loop_period": 0.02}).run(),
-        lambda: read.overridden(["loop_period=0.02"]).run(),
+        lambda: read.with_overrides(["loop_period=0.02"]).run(),
         lambda: read.at_speed(10.0).run(),
         lambda: pickle.loads(pickle.dumps(read)).run(),
         lambda: Case.of(read),

@@ -210,7 +210,7 @@ def test_overrides_may_be_a_mapping():
     assert values == texts
     text = Job.load("linuxcnc-flanges", {"program.text": "G1  X10 F600\nM2\n"})
     assert text.program["text"] == "G1  X10 F600\nM2\n"
-    again = values.overridden({"tolerance.path_max": None})
+    again = values.with_overrides({"tolerance.path_max": None})
     assert again.tolerance is None or again.tolerance.path_max is None
 
 

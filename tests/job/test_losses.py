@@ -60,7 +60,7 @@ def test_overrides_reach_a_fault_by_its_number(tmp_path):
     assert job.faults[1].friction == 30
     assert job.changed({"faults.0.time": 0.1}).faults[0].time == 0.1
     assert job.changed({"faults": None}) == job.without_faults()
-    assert faulty(SLIP).overridden(["faults.0.duration=0.1"]).faults[0].duration == 0.1
+    assert faulty(SLIP).with_overrides(["faults.0.duration=0.1"]).faults[0].duration == 0.1
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_bad_tables_are_refused_in_one_line(value, text):
 
 def test_a_number_without_a_fault_is_an_unknown_key():
     with pytest.raises(InputError, match=r"unknown key 'faults.1.time': did you mean faults.0.time"):
-        faulty(SLIP).overridden(["faults.1.time=1"])
+        faulty(SLIP).with_overrides(["faults.1.time=1"])
 
 
 def test_what_the_machine_cannot_have_is_refused_before_the_run():

@@ -108,3 +108,23 @@ def test_a_weight_that_pulls_up_is_told_by_its_size(folder):
     assert any(
         "holds a weight, 0.0133 N·m at its motor: without an integral term the axis stays " in note for note in down
     )
+
+
+def test_under_a_velocity_drive_without_an_integral_term_both_gains_hold_the_weight(folder):
+    """The position loop asks for kp times the error as a speed, the drive for its gain times that as a torque."""
+    velocity = ["servo.law='pid'", "servo.mode='velocity'", "servo.kp=20", "servo.ki=0"]
+    job = Job.load(folder / "job.toml", [*velocity, "servo.velocity_time=0"])
+    # as with one that takes an hour
+    slow = Job.load(folder / "job.toml", [*velocity, "servo.velocity_time=3600"])
+    for margins, expected in zip(job.margins, slow.margins, strict=True):
+        assert margins.stable
+        assert margins.gain == pytest.approx(expected.gain, rel=1e-3)
+        assert margins.phase == pytest.approx(expected.phase, abs=0.1)
+    run = job.run()
+    assert run.fault is None
+    gains = job.built_servo
+    sunk = 1e3 * MASS * GRAVITY / 1256.637 / (gains.gains[2].kp * gains.drives[2].velocity_gain)
+    assert 1e3 * float((run.commanded - run.encoder)[-1, 2]) == pytest.approx(sunk, rel=0.01)
+    (note,) = [text for text in job.notes if "holds a weight" in text]
+    (stated,) = re.findall(r"stays ([\d.]+) µm off its command", note)
+    assert float(stated) == pytest.approx(sunk, rel=1e-3)

@@ -323,6 +323,19 @@ def test_a_file_that_was_changed_is_read_again_and_another_reference_is_run(tmp_
     assert times[0] - times[1] == pytest.approx(0.2, abs=1e-3)
 
 
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_a_proposal_for_the_whole_job_replaces_the_override_and_one_lever_keeps_it(bench, tmp_path, is_whole):
+    """The values of the best combination are those at the program's own speed, which they may set."""
+    made, asked, _ = bench
+    receive_controls(made, asked, tmp_path)
+    made.do({"do": "set", "values": {"override": 50.0}})
+    proposal = {"values": {"dispenser.flow": 100.0}, "program": None, "is_whole": is_whole}
+    made.receive(Message(asked[-1].number, "proposals", {"proposals": [proposal]}))
+    made.do({"do": "try", "number": 0})
+    assert asked[-1].draft.values == {"dispenser.flow": 100.0}
+    assert asked[-1].draft.override == (100.0 if is_whole else 50.0)
+
+
 def test_a_file_that_changes_on_disk_is_taken_over_with_the_controls(bench, tmp_path):
     made, asked, _ = bench
     receive_controls(made, asked, tmp_path)

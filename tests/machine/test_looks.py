@@ -12,7 +12,7 @@ from gantrysim.machine.machine import builtin_models
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render import Renderer
-from gantrysim.render.opengl import offscreen
+from gantrysim.render.opengl import offscreen_context
 
 from support.runs import ends_of_travel
 from support.soaked import suite_runs
@@ -36,7 +36,7 @@ class Studio:
     def __init__(self, machine):
         self.machine, self.model = machine, machine.model
         self.data = mujoco.MjData(self.model)
-        self.gl = offscreen(*SIZE)
+        self.gl = offscreen_context(*SIZE)
         self.context = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self.context)
         self.scene = mujoco.MjvScene(self.model, maxgeom=1000)

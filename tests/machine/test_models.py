@@ -15,6 +15,7 @@ from gantrysim.machine.machine import builtin_models
 from gantrysim.record.setpoints import Setpoints
 
 from support.runs import smooth
+from support.soaked import suite_runs
 
 MACHINES = ("xy", "xyz", "xyzr", "stage")
 AXES = [
@@ -55,7 +56,7 @@ def axis_dofs(machine):
     "motor theory",
     "1e-9 relative",
 )
-@pytest.mark.parametrize(("name", "axis"), AXES)
+@pytest.mark.parametrize(("name", "axis"), suite_runs(AXES, 0, 4, 8, 9))
 def test_no_load_speed_is_the_bus_voltage_over_the_motor_constant(name, axis):
     machine, model = Machine(name), frictionless(name)
     data = mujoco.MjData(model)
@@ -148,7 +149,7 @@ def test_declared_speed_can_be_reached_with_friction_within_the_bus_voltage(name
 
 
 @pytest.mark.parametrize("name", MACHINES)
-@pytest.mark.parametrize("hold", [1, 20, 400])
+@pytest.mark.parametrize("hold", suite_runs([1, 20, 400], 0, 2))
 def test_quasi_random_control_raises_no_warning(name, hold):
     machine = Machine(name)
     model, data = machine.model, mujoco.MjData(machine.model)

@@ -72,7 +72,7 @@ class Scara(Kinematics):
         out = np.abs(cosine) > 1
         if out.any():
             row = int(out.argmax())
-            raise UnreachableError(f"{self.described(position[row])}: out of reach", row)
+            raise UnreachableError(f"{self.position_text(position[row])}: out of reach", row)
         elbow = np.sign(np.sin(self.direction[1] - self.direction[0])) * np.arccos(cosine)
         towards = np.arctan2(reach[:, 1], reach[:, 0])
         shoulder = towards - np.arctan2(second * np.sin(elbow), first + second * np.cos(elbow))

@@ -19,7 +19,7 @@ from support.brute_force_feet import FLAT, Polyline, coupled
 from support.feet_checks import feet_checks
 from support.random_programs import KINDS, random_program
 
-SUITE = 3  # programs of each kind in the suite
+SUITE = 2  # programs of each kind in the suite
 SOAK = 125  # and in the soak: 2,000 of 16 kinds
 FINE_STEP = 12.5e-6  # [s]
 STEP = 0.01  # of a value, between two physics steps, relative

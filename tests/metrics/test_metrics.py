@@ -51,8 +51,11 @@ def flat(z):
     return np.stack([z.real, z.imag, 0 * z.real], axis=-1)
 
 
-def run_along(path, *, encoder=0.0, nozzle=0.0, dispense=None, step=SPEED * PERIOD):
-    """Return a run commanded along `path`; `encoder` and `nozzle` are added to the commanded points, (n, 3)."""
+def run_along(path, *, encoder=0.0, nozzle=0.0, dispense=None, step=SPEED * PERIOD, stated=True):
+    """Return a run commanded along `path`; `encoder` and `nozzle` are added to the commanded points, (n, 3).
+
+    Its progress is stated, as by a controller, or assigned, which takes a hundred times as long.
+    """
     s = np.minimum(np.arange(math.ceil(path.length / step - 1e-9) + 1) * step, path.length)
     tip = path.position(s)
     rows = len(s)
@@ -79,6 +82,7 @@ def run_along(path, *, encoder=0.0, nozzle=0.0, dispense=None, step=SPEED * PERI
         flow_demand=np.zeros(rows),
         gap=0.5,
         dispense=np.ones(rows, bool) if dispense is None else dispense(s),
+        progress=s if stated else None,
     )
 
 
@@ -286,8 +290,9 @@ def test_a_run_that_a_fault_ended_within_the_first_turn_has_no_spacing():
     assert found.contour.max == pytest.approx(0, abs=EXACT)
 
 
-def test_values_of_a_perfect_follower():
-    found = values(run_along(INVOLUTE))
+@pytest.mark.parametrize("stated", [True, False])
+def test_values_of_a_perfect_follower(stated):
+    found = values(run_along(INVOLUTE, stated=stated))
     assert found.spacing.mean == pytest.approx(10, abs=SPACING)
     assert found.spacing.std == pytest.approx(0, abs=SPACING)
     assert (found.spacing.min, found.spacing.max) == pytest.approx((10, 10), abs=SPACING)

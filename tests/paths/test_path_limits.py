@@ -167,7 +167,7 @@ def test_full_turns_of_a_circle_are_no_faster_than_its_centripetal_acceleration(
     best = math.sqrt(a * radius)
     # where the tangent is along an axis, the other takes all of the centripetal acceleration
     quarters = 0.5 * math.pi * radius * np.arange(2, 11)
-    speed = np.array([law.velocity(law.reached(at)) for at in quarters])
+    speed = np.array([law.velocity(law.time_at(at)) for at in quarters])
     assert np.all(speed <= best * (1 + 1e-9))
     assert speed == pytest.approx(np.full(9, best), rel=2 * IN_HAND)
     assert law.duration < 6 * math.pi * radius / best + 2 * best / a
@@ -189,9 +189,9 @@ def test_a_halt_at_a_corner_cuts_the_path_in_two():
     law = fastest(Derivatives(s, rate, bend), np.where(corner, 0.0, 50.0), [math.inf] * 3, [500, 1000, math.inf])
     parts = 30 / 50 + 50 / 500 + 40 / 50 + 50 / 1000
     assert law.duration == pytest.approx(parts, rel=2e-4)
-    assert law.velocity(law.reached(30.0)) == pytest.approx(0, abs=1e-9)
+    assert law.velocity(law.time_at(30.0)) == pytest.approx(0, abs=1e-9)
     assert law.slowest == (0.0, 30.0)
-    assert law.reached(30.0) == pytest.approx(30 / 50 + 50 / 500, rel=1e-3)
+    assert law.time_at(30.0) == pytest.approx(30 / 50 + 50 / 500, rel=1e-3)
     through = fastest(Derivatives(s, rate, bend), 50.0, [math.inf] * 3, [500, 1000, math.inf])
     assert through.duration < law.duration
 
@@ -203,9 +203,9 @@ def test_a_line_into_an_arc_brakes_before_it():
     s, piece = nodes(path.ends, 0.01)
     rate, bend = axes_of(path, s, piece)
     law = fastest(Derivatives(s, rate, bend), 1000.0, [math.inf] * 3, [a] * 3, end=math.sqrt(a * radius))
-    corner = law.velocity(law.reached(50.0))
+    corner = law.velocity(law.time_at(50.0))
     assert corner == pytest.approx(math.sqrt(a * radius), rel=IN_HAND)
-    before = law.velocity(law.reached(45.0))
+    before = law.velocity(law.time_at(45.0))
     assert before**2 == pytest.approx(corner**2 + 2 * a * 5, rel=3e-3)
     _, acceleration = moved(law, path.position, math.inf, a)
     assert acceleration <= 1 + ACCELERATION
@@ -233,7 +233,7 @@ def test_axes_stay_within_random_limits_along_random_smooth_paths(path, length, 
     assert law.velocity(t).max() <= speed * (1 + 1e-12)
     assert np.diff(law.position(t)).min() >= 0
     # but for the intervals in which one limit takes over from another, some limit is met at one of their ends
-    v = law.velocity(np.array([law.reached(at) for at in s]))[:, None]
+    v = law.velocity(np.array([law.time_at(at) for at in s]))[:, None]
     u = np.diff(v**2, axis=0) / (2 * np.diff(s)[:, None])
     rate, bend = path.rate(s), path.bend(s)
     steady = np.concatenate([v / speed, np.abs(rate) * v / velocity, np.abs(bend) * v**2 / acceleration], axis=1)
@@ -252,7 +252,7 @@ def shortfall(path, length, speed, seed):
     s = np.linspace(0, length, 301)
     rate, bend = path.rate(s), path.bend(s)
     law = fastest(Derivatives(s, rate, bend), speed, velocity, acceleration, begin, end)
-    x = law.velocity(np.array([law.reached(at) for at in s])) ** 2
+    x = law.velocity(np.array([law.time_at(at) for at in s])) ** 2
     feed = np.minimum(speed**2, ((velocity / np.abs(rate)) ** 2).min(axis=1))
     feed[0], feed[-1] = min(feed[0], begin**2), min(feed[-1], end**2)
     limit = acceleration * (1 - IN_HAND)
@@ -312,13 +312,13 @@ def test_the_time_of_a_distance_is_the_inverse_of_the_distance_at_a_time(path, l
         [900.0] * path.amplitude.shape[0],
     )
     asked = np.concatenate([np.random.default_rng(seed).uniform(0, length, 50), s])
-    t = np.array([law.reached(at) for at in asked])
+    t = np.array([law.time_at(at) for at in asked])
     assert law.position(t) == pytest.approx(asked, abs=WAY)
-    assert law.reached(0.0) == 0
-    assert law.reached(length) == pytest.approx(law.duration, rel=1e-12)
+    assert law.time_at(0.0) == 0
+    assert law.time_at(length) == pytest.approx(law.duration, rel=1e-12)
     times = np.linspace(0, law.duration, 100)
     moving = law.velocity(times) > 1e-3 * speed
-    back = np.array([law.reached(at) for at in law.position(times)])
+    back = np.array([law.time_at(at) for at in law.position(times)])
     assert back[moving] == pytest.approx(times[moving], abs=1e-9)
     # speed is the slope of the way
     middle = times[:-1][moving[:-1]]

@@ -50,9 +50,9 @@ def names(picks):
 def test_a_lever_joins_only_where_it_lowers_the_burden_by_a_hundredth(leaves, joins):
     levers = [lever("strong"), lever("weak")]
     tried = combinations({"strong": 0.5, "weak": leaves})
-    picks = tried.joined([], levers)
+    picks = tried.with_best_lever([], levers)
     assert names(picks) == {"strong"}
-    more = tried.joined(picks, levers)
+    more = tried.with_best_lever(picks, levers)
     assert (more is not None) == joins
     if joins:
         assert names(more) == {"strong", "weak"}
@@ -68,7 +68,7 @@ def test_a_lever_without_which_the_burden_hardly_grows_is_left_out(leaves, spare
 def test_of_levers_that_are_as_good_the_one_that_takes_least_joins():
     levers = [lever("part", Effort.HARDWARE), lever("value")]
     factors = {"part": 0.5, "value": 0.5 + 0.5 * SHARE}
-    assert names(combinations(factors).joined([], levers)) == {"value"}
+    assert names(combinations(factors).with_best_lever([], levers)) == {"value"}
 
 
 def outcome(burden, duration, *usages):

@@ -150,7 +150,7 @@ def test_levers_that_leave_a_row_alone_are_not_tried_without_others():
     runs = []
     combinations = sums(lambda values: sum(values) >= 6, runs=runs)
     two_rows = Combinations(
-        combinations.state_of([]), combinations.measured, lambda _: {"path", "glue"}, lambda job: job
+        combinations.state_of([]), combinations.measure_all, lambda _: {"path", "glue"}, lambda job: job
     )
     glue = Lever("glue lever", "", "", ("glue",), lambda state: [Setting("5", {"glue": 5})])
     picks = [Pick(ONE, "1"), Pick(glue, "5")]

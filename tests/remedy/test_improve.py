@@ -186,7 +186,7 @@ def test_a_lever_that_can_be_spared_is_left_out():
     half = lever("half", {"dispenser.opening": 0.01, "dispenser.closing": 0.01, "dispenser.dead_time": 0.0})
     whole = lever("whole", {"dispenser.opening": 0.0, "dispenser.closing": 0.0, "dispenser.dead_time": 0.0})
     search = Search(lagging(), Bench(lagging(), 1), ("glue",))
-    assert [pick.lever.name for pick in search.combined([half, whole])] == ["whole"]
+    assert [pick.lever.name for pick in search.best_picks([half, whole])] == ["whole"]
     both = [Pick(half, ""), Pick(whole, "")]
     assert search._combinations.without_spare(both) == [both[1]]
 

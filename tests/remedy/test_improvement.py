@@ -87,17 +87,25 @@ def test_what_no_lever_cures_is_told_first_with_what_does():
     before, after = glue_of(2.5, 15.2), glue_of(2.4, 2.04)
     result = result_of(after, before=before, combination=picked(after, "lag compensation", before=before))
     assert result.sentence == (
-        f"no lever cures bead ploughed 2.5 mm, at most 0 mm: {order}. "
+        f"no lever cures bead ploughed: {order}. "
         "Lag compensation (× 2) is for what else fails: bead too narrow by 15.2 → 2.0 %."
     )
     assert remedy_of(result).change == result.sentence.replace("no", "No", 1)
-    assert result_of(before, before=before).sentence == f"no lever cures bead ploughed 2.5 mm, at most 0 mm: {order}."
+    assert result_of(before, before=before).sentence == f"no lever cures bead ploughed: {order}."
     crossed = "1 pass; the path crosses its own bead: lay it without crossings"
     most = glue_of(0.5, 2.0, crossed)
     sentence = result_of(most, before=before, combination=picked(most, "lift", before=before)).sentence
     assert sentence == (
         "best with lift (× 2); nothing meets the tolerance: glue remains, bead ploughed 0.5 mm, at most 0 mm. "
-        "What forbids it is the program link: the path crosses its own bead: lay it without crossings."
+        "The path crosses its own bead: lay it without crossings."
+    )
+
+
+def test_the_lever_that_lowers_the_worst_value_is_named_first():
+    before, wide, most = glue_of(14.7, 22.0), glue_of(14.7, 5.0), glue_of(1.5, 5.0)
+    levers = [trial_of("lag compensation", "", before, wide), trial_of("lift", "3 mm", before, most)]
+    assert result_of(most, before=before, combination=levers).sentence.startswith(
+        "best with lift (3 mm), lag compensation; nothing meets the tolerance: glue remains, bead ploughed 1.5 mm"
     )
 
 
@@ -141,7 +149,7 @@ def test_a_usage_without_bound_is_told_with_the_next_one(usages, text):
 
 def test_levers_that_were_not_tried_are_told_by_their_reason():
     skipped = [Skipped(lever(name), reason) for name, reason in (("a", "late"), ("b", "costly"), ("c", "late"))]
-    assert result_of(skipped=skipped).untried == {"late": "a, c", "costly": "b"}
+    assert result_of(skipped=skipped).untried_levers == {"late": "a, c", "costly": "b"}
 
 
 def test_names_of_levers_come_with_their_settings():

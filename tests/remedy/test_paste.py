@@ -3,6 +3,7 @@
 import pytest
 
 from gantrysim import Job
+from gantrysim.remedy.by_place_files import _files_of
 from gantrysim.remedy.improvement import changed_values, options, toml_lines, values_to_set
 from gantrysim.study.speed.study import speed_changes
 
@@ -90,3 +91,13 @@ def test_a_table_that_the_improved_job_has_not_is_emptied():
     improved = base.changed({"faults": [], "travel": {}})
     assert changed_values(base, improved) == {"faults": [], "travel": {}}
     assert changed_values(improved, base).keys() == {"faults", "travel"}
+
+
+def test_the_files_of_a_job_are_its_own_and_its_program_s(tmp_path):
+    """None of them is overwritten by a program with speeds by place."""
+    part = tmp_path / "part.ngc"
+    part.write_text(FAST)
+    job = tmp_path / "job.toml"
+    job.write_text('name = "fast"\nmachine = "xy"\n[program]\ncontroller = "linuxcnc.Program"\nfile = "part.ngc"\n')
+    assert {file.resolve() for file in _files_of(Job.load(job))} == {job.resolve(), part.resolve()}
+    assert {file.resolve() for file in _files_of(Job.load(part))} == {part.resolve()}

@@ -338,7 +338,7 @@ class Unopened:
         pass
 
 
-@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("count", suite_runs([1, 2, 4], 1, 2))
 @pytest.mark.parametrize("colour", ["plain", "error"])
 def test_the_pictures_of_a_film_of_any_shape_do_not_overlap(xy, run, monkeypatch, count, colour):
     monkeypatch.setattr(film, "Renderer", Unopened)

@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gantrysim import Fault, InputError
+from gantrysim import Fault, InputError, Job
 from gantrysim.base import columns, memory
+from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.render.colours import Scale, scale_for
 from gantrysim.render.fonts import MUTED, PAPER, font, rgb
-from gantrysim.render.header import Header, headers
+from gantrysim.render.header import Header, differences, headers
 from gantrysim.render.panel import Panel, run_colours
 from gantrysim.render.strip import Strip, axis_ticks
 from gantrysim.render.telemetry import Telemetry
@@ -85,12 +86,12 @@ def test_ticks_and_end_of_a_run(run, telemetry):
     assert telemetry.tick(0.0) == 0
     assert telemetry.tick(0.3004) == 300
     assert telemetry.tick(1e3) == len(run.time) - 1
-    assert not telemetry.ended(run.time[-1])
-    assert telemetry.ended(run.time[-1] + 1e-3)
-    assert not telemetry.faulted(run.time[-1])
+    assert not telemetry.has_ended(run.time[-1])
+    assert telemetry.has_ended(run.time[-1] + 1e-3)
+    assert not telemetry.has_faulted(run.time[-1])
     broken = Telemetry(dataclasses.replace(run, fault=FAULT))
-    assert broken.faulted(run.time[-1])
-    assert not broken.faulted(run.time[-2])
+    assert broken.has_faulted(run.time[-1])
+    assert not broken.has_faulted(run.time[-2])
 
 
 @given(st.floats(1e-3, 1e6), st.floats(1.0, 20.0))
@@ -635,3 +636,18 @@ def test_a_font_wraps_and_shortens():
     assert cut_off.endswith("…")
     assert 80 < face.width(cut_off) <= 100
     assert len({face.width(digit) for digit in "0123456789"}) == 1  # figures keep their places
+
+
+def test_a_label_counts_the_values_beyond_three_in_which_jobs_differ():
+    changes = ["program.speed=80", "program.turns=2", "dispenser.flow=90", "dispenser.opening=0.01", "bead.gap=0.5"]
+    jobs = [Job.load("an225"), Job.load("an225", changes)]
+    for label in differences(jobs):
+        assert label.count(" = ") == 3
+        assert label.endswith(", 2 more")
+
+
+def test_the_scale_of_widths_reaches_three_tolerances_to_either_side(run):
+    """The tolerance is a share of the nominal width, by default 10 %."""
+    nominal = float(BeadTrace.of(run, None).nominal_section.width[0])
+    scale = scale_for("width", [run])
+    assert (scale.low, scale.high) == pytest.approx((0.7 * nominal, 1.3 * nominal))

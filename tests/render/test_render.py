@@ -16,7 +16,7 @@ from gantrysim.base.errors import unknown
 from gantrysim.cli import main as cli
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.render import Film, NoOpenGLError, Renderer, Take, save_video
-from gantrysim.render.opengl import offscreen
+from gantrysim.render.opengl import offscreen_context
 from gantrysim.render.renderer import checked_size
 
 from support.pinhole import in_sight, on_work, to_pixels
@@ -175,7 +175,7 @@ def test_opengl_that_cannot_draw_the_size_is_refused_in_one_line_and_freed(xy, r
     freed, made = [], []
 
     def watched(width, height):
-        context = offscreen(width, height)
+        context = offscreen_context(width, height)
         made.append(context)
         free = context.free
         context.free = lambda: (freed.append(context), free())
@@ -206,12 +206,12 @@ def test_macos_and_windows_use_their_own_opengl(monkeypatch, platform):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr("mujoco.gl_context.GLContext", Context)
     monkeypatch.setattr(ctypes.util, "find_library", lambda name: pytest.fail(f"looked for {name}"))
-    context = offscreen(30, 20, platform)
+    context = offscreen_context(30, 20, platform)
     assert isinstance(context, Context)
     assert (context.size, context.current) == ((30, 20), True)
     monkeypatch.setenv("MUJOCO_GL", "off")
     with pytest.raises(NoOpenGLError, match=r"^MUJOCO_GL is off$"):
-        offscreen(30, 20, platform)
+        offscreen_context(30, 20, platform)
 
 
 @pytest.mark.parametrize("error", [RuntimeError("no pixel\nformat"), ImportError("no pixel format"), OSError(1, "no")])
@@ -222,7 +222,7 @@ def test_macos_and_windows_without_opengl_need_no_debian_package(monkeypatch, er
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr("mujoco.gl_context.GLContext", refuse)
     with pytest.raises(NoOpenGLError) as refused:
-        offscreen(30, 20, "darwin")
+        offscreen_context(30, 20, "darwin")
     assert str(refused.value) == f"no offscreen OpenGL: {' '.join(str(error).split())}"
 
 

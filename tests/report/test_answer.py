@@ -1,17 +1,21 @@
 """What the answer of a run, its headline and its card say of records whose errors are made."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gantrysim import Job
 from gantrysim.faults import EncoderSlip
 from gantrysim.glue.bead import Bead
-from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.analysis import Analysis, Range
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.answer import Answer
 from gantrysim.report.card import HEIGHT, WIDTH, draw_card
 from gantrysim.report.headline import contour_sentence, headline
 from gantrysim.report.plots.style import sheet
+from gantrysim.report.rows import gap_or_overlap
+from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults
 
 # one straight line from x = -80 to 80 mm
@@ -79,7 +83,9 @@ def test_the_card_has_time_and_line_of_what_fails(job, follower):
     with sheet(WIDTH / 100, HEIGHT / 100) as figure:
         figure.set_layout_engine("none")
         draw_card(figure, results, answer)
-        words = " ".join(text.get_text() for text in figure.texts)
+        texts = [text.get_text() for text in figure.texts]
+    # a number keeps its unit, and shapes of states stand between the lines
+    words = " ".join(text for text in texts if len(text) > 1).replace("\xa0", " ")
     for row in answer.rows:
         text = f"{row.name}: {row.text}"
         assert text in words
@@ -94,3 +100,19 @@ def test_what_spoils_a_run_with_a_deliberate_fault_is_told_as_what_happened(job,
     spoilt = Answer.of(results).spoilt
     assert spoilt == headline(results)
     assert "encoder slip" in spoilt.lower()
+
+
+def test_turns_that_overlap_in_the_mean_are_said_to_overlap_though_they_do_not_everywhere():
+    """Beside the name stands the size of the mean."""
+    for mean, name in ((-0.2, "overlap between turns"), (0.2, "gap between turns")):
+        values = Range(mean=mean, min=mean - 0.5, max=mean + 0.5, std=0.1)
+        assert gap_or_overlap(values) == name
+
+
+def test_the_summary_names_the_axes_whose_loops_are_unstable(job, follower):
+    first, second, third = job.margins
+    shaky = job.model_copy(update={"margins": (first, replace(second, stable=False), third)})
+    assert summary(results_of(job, follower))["unstable_axes"] == []
+    assert summary(results_of(shaky, follower))["unstable_axes"] == ["y"]
+    unknown = job.model_copy(update={"margins": None})
+    assert summary(results_of(unknown, follower))["unstable_axes"] is None

@@ -4,7 +4,10 @@ import pytest
 
 from gantrysim.job.causes import CAUSES, Causes, Effect
 from gantrysim.metrics.analysis import ErrorSize
-from gantrysim.report.headline import cause_sentences
+from gantrysim.report.headline import cause_sentences, glue_cause_sentences
+from gantrysim.results.checks import Check
+from gantrysim.results.glue_causes import GLUE_CAUSES, GlueCauses, GlueEffect
+from gantrysim.results.row import Row
 
 WHOLE = 10e-3  # rms error [mm]
 NAMES = [cause.name for cause in CAUSES]
@@ -25,9 +28,11 @@ def sentences(**worth):
     return list(cause_sentences(causes_worth(**worth)))
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_cause_worth_almost_all_is_the_cause(name):
-    assert sentences(**{name: 9.0}) == [f"Cause: {name}, worth 9.0 µm of 10.0 µm; without it 1.0 µm are left."]
+@pytest.mark.parametrize("cause", CAUSES, ids=lambda cause: cause.name)
+def test_a_cause_worth_almost_all_is_the_cause(cause):
+    """With what it is, where its name alone does not tell."""
+    name = f"{cause.name} ({cause.meaning})" if cause.name != "friction" else cause.name
+    assert sentences(**{cause.name: 9.0}) == [f"Cause: {name}, worth 9.0 µm of 10.0 µm; without it 1.0 µm are left."]
 
 
 def test_a_cause_worth_half_is_the_main_one():
@@ -57,3 +62,18 @@ def test_a_cause_whose_run_failed_is_not_taken_for_worthless():
         "No single cause is worth half of it.",
         f"Not known, as the run without it failed: {', '.join(NAMES)}.",
     ]
+
+
+def test_a_cause_of_the_glue_is_named_from_a_hundredth_of_the_value_on():
+    def row(value):
+        check = Check(name="bead_width", quantity="bead too wide by", value=value, limit=10.0, unit="%", source="given")
+        return Row.of("glue", [check])
+
+    worths = (4.0, 0.3, 0.15, -1.0, 0.0)
+    effects = [GlueEffect(cause, row(20.0 - worth)) for cause, worth in zip(GLUE_CAUSES, worths, strict=True)]
+    (text,) = glue_cause_sentences(GlueCauses(row(20.0), tuple(effects)))
+    first, second, third, *_ = (cause.name for cause in GLUE_CAUSES)
+    assert text.endswith(f"worst most: {first} (4.0 %) and {second} (0.3 %).".replace("worst", "worth"))
+    (text,) = glue_cause_sentences(GlueCauses(row(20.0), (effects[0], effects[2])))
+    assert f"{first} (4.0 %)" in text
+    assert third not in text

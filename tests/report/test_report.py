@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Fault, Job, causes_of
+from gantrysim.base.quantity import number_text
 from gantrysim.faults import EncoderSlip
 from gantrysim.glue.bead import Bead
 from gantrysim.job.causes import CAUSES
@@ -95,7 +96,7 @@ def test_its_error_budget_is_that_of_the_run(spiral):
     for name, part in (*values.parts.items(), ("contour", values.contour)):
         shown = [float(cell.translate(minus)) for cell in links[name][2:8]]
         np.testing.assert_allclose(shown, expected_of(part), atol=0.051)
-        point = [float(value) for value in links[name][8].translate(minus).split(",\N{NO-BREAK SPACE}")]
+        point = [float(value) for value in links[name][8].translate(minus).split(", ")]
         np.testing.assert_allclose(point, part.point, atol=0.051)
     shares = [float(links[name][2].translate(minus)) for name in LINKS]
     assert sum(shares) == pytest.approx(100, abs=0.21)
@@ -217,7 +218,8 @@ def test_the_headline_of_a_trip_is_what_happened_and_names_no_link():
     contour = budget.values.contour
     text = contour_sentence(budget)
     assert text == (
-        f"Fault: following error on axis {fault.axis} at t = {fault.time:.4f} s: {fault.value:.4g} mm, limit 0.03 mm. "
+        f"Fault: following error on axis {fault.axis} at t = {fault.time:.4f} s: {number_text(fault.value, '.4g')} mm, "
+        "limit 0.03 mm. "
         f"Contour error until then: {1e3 * contour.rms:.1f} µm rms, max {1e3 * contour.max:.1f} µm."
     )
     assert summary(RunResults(job, job.built_machine, budget))["headline"] == text
@@ -228,7 +230,8 @@ def test_the_headline_of_a_stuck_axis_blames_nothing_else():
     text = contour_sentence(Budget(run))
     assert text.startswith(
         "Stuck axis x at t = 1.0000 s: seized until the end. "
-        f"Supervision: following error on axis x at t = {run.fault.time:.4f} s: {run.fault.value:.4g} mm, limit 5 mm. "
+        f"Supervision: following error on axis x at t = {run.fault.time:.4f} s: "
+        f"{number_text(run.fault.value, '.4g')} mm, limit 5 mm. "
         "Contour error until then: "
     )
     assert not any(link in text for link in LINKS)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from gantrysim import Job, Verdict
-from gantrysim.glue.dispenser.driven import loads
+from gantrysim.glue.dispenser.driven import Load, loads
 from gantrysim.glue.dispenser.material import Material
+from gantrysim.results.verdict import _stall
 
 AREA = 0.8  # [mm²]
 SPEED = 100.0  # [mm/s]
@@ -152,3 +153,12 @@ def test_a_stall_is_a_fault_in_command_summary_and_exit_status(gantrysim_command
         if stall:
             assert f"fault: {stall}" in errors.replace("\n", " ")
             assert summary["verdict"]["state"] == "fail"
+
+
+def test_what_happens_first_is_told_not_what_exceeds_its_limit_most():
+    run = line_job().follow()
+    force = Load("force", 30.0, 10.0, "N", 500, "stalls")
+    speed = Load("speed", 11.0, 10.0, "mm/s", 300, "cannot follow its command")
+    text = "the dispenser's motor cannot follow its command at t = 0.3000 s: speed 11 mm/s, limit 10 mm/s"
+    assert _stall([force, speed], run) == _stall([speed, force], run) == text
+    assert _stall([force._replace(value=10.0)], run) == ""

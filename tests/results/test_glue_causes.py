@@ -75,7 +75,7 @@ def test_a_fixed_flow_at_half_the_speed_is_too_wide_by_the_root_of_two_and_speed
     results = RunResults(job, job.built_machine, Budget(Analysis(run)), Bead(run, job.bead), glue_causes=causes)
     text = headline(results)
     assert text.startswith(f"Glue: {causes.check.brief}")
-    assert "Cause: speed changes, worth" in text
+    assert "Cause: speed changes (which the flow does not follow), worth" in text
 
 
 def test_at_constant_speed_a_flow_without_lag_lays_the_nominal_section_everywhere():
@@ -152,6 +152,8 @@ def test_table_and_summary_have_every_cause_and_check():
     section = glue_causes_section(causes)
     assert [row[0] for row in section.table.rows] == ["nothing", *(cause.name for cause in GLUE_CAUSES)]
     assert section.table.rows[0][1] == f"{causes.check.value:.1f}"
+    for row in section.table.rows[1:]:
+        assert float(row[2]) == pytest.approx(causes.check.value - float(row[1]), abs=0.11)
     content = glue_causes_summary(causes)
     assert list(content) == [cause.name for cause in GLUE_CAUSES]
     assert content["lag"]["worth"] == 0

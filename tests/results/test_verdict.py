@@ -351,7 +351,7 @@ def test_defaults_follow_from_needle_bead_and_encoder():
 
 
 def test_given_limits_are_kept_in_the_job_and_said_to_be_given():
-    job = line_job().overridden(["path_max=0.02", "tolerance.least_gain_margin=2"])
+    job = line_job().with_overrides(["path_max=0.02", "tolerance.least_gain_margin=2"])
     tolerance = Job.of_content(job.model_dump(exclude_none=True), "job").limits(NEEDLE, 4.0)
     assert (tolerance.path_max, tolerance.path_p95, tolerance.gain_margin) == (0.02, 0.01, 2.0)
     assert tolerance.sensitivity == pytest.approx(2.0)

@@ -262,8 +262,10 @@ def test_the_speed_is_judged_by_the_job_s_limits():
         f"{WHOLE}; 200 mm/s does not ({CONTOUR.format(88)})."
     )
     text = report({50.0: 20.0, 100.0: 88.0}, glue="fail")
-    assert text.startswith("Set program.speed = 50, dispenser.flow = 100: 50 mm/s, 0.5 times the programmed")
-    assert text.endswith("; the glue fails all the same (glue in words).")
+    assert text == (
+        f"No speed tried, from 50 to 100 mm/s, keeps {WHOLE}: 50 mm/s comes nearest (glue: glue in words), so speed is "
+        f"not the lever; gantrysim improve an225 tries the others. By {MOTION}{AS_GOOD}, 50 mm/s is the fastest."
+    )
     faster = {"glue": "fail"}
     rows = [
         {"speed_mm_s": speed, **verdict(40.0, **faster), "glue_limit_use_percent": use, "contour_rms_um": 1.0}
@@ -271,8 +273,8 @@ def test_the_speed_is_judged_by_the_job_s_limits():
         for speed, use in ((50.0, 240.0), (100.0, 250.0), (200.0, 400.0))
     ]
     text = study.report(rows).answer
-    assert text.startswith("Keep the programmed speed: 100 mm/s, 1 times the programmed 100 mm/s, is the fastest")
-    assert "200 mm/s does not (glue: glue in words, worse than now)" in text
+    assert text.startswith(f"No speed tried, from 50 to 200 mm/s, keeps {WHOLE}: 50 mm/s comes nearest (glue: glue")
+    assert text.endswith(f"By {MOTION}{AS_GOOD}, 100 mm/s is the fastest.")
     assert report({50.0: 96.0, 100.0: 120.0}) == (
         f"No speed tried, from 50 to 100 mm/s, keeps {MOTION}: 50 mm/s comes nearest ({CONTOUR.format(96)}), so speed "
         "is not the lever; gantrysim improve an225 tries the others."
@@ -379,3 +381,18 @@ def test_every_report_has_question_answer_chart_table_and_details_in_this_order(
 
 def test_the_tuning_asks_for_its_metric(job):
     assert tuning_question(tuning(job, metric="servo_max")) == "Which gains minimise the largest servo error?"
+
+
+def test_glue_is_worse_than_now_only_where_it_fails_by_more():
+    def glue(state, use):
+        row = verdict(path=90.0, glue=state) | {"glue_limit_use_percent": use}
+        return Acceptance.of(row)
+
+    failing = Scope.of([None], glue("fail", 120.0))
+    passing = Scope.of([None], glue("pass", 50.0))
+    assert failing.worsened(glue("fail", 130.0)) == ["glue"]
+    assert failing.worsened(glue("fail", 121.0)) == []
+    assert failing.worsened(glue("pass", 60.0)) == []
+    # a limit that is kept is kept, however much of it is used
+    assert passing.worsened(glue("warn", 95.0)) == []
+    assert passing.worsened(glue("fail", 101.0)) == ["glue"]

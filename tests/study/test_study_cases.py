@@ -13,7 +13,9 @@ from gantrysim.glue.bead import Bead, HeightMap
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, path_speed, speed_ripple, steady
 from gantrysim.metrics.budget import Budget
+from gantrysim.servo.stability.margins import margins_of
 from gantrysim.study import Case, measure, simulated, values_row
+from gantrysim.study.cases import verdict_row
 from gantrysim.study.drawing import logarithmic, series
 
 from support.studies import SHORT
@@ -255,3 +257,18 @@ def test_the_feet_of_a_case_do_not_depend_on_the_cases_before(job):
     for name in ("commanded", "nozzle"):
         for column, values in vars(getattr(alone, name)).items():
             assert np.array_equal(values, getattr(getattr(afterwards, name), column))
+
+
+def test_the_verdict_on_a_perturbed_case_has_the_margins_of_its_machine(job):
+    """Motors of twice the constant double the gain of the loops."""
+    run = job.follow()
+    limits = job.limits(run.face)
+    least = []
+    for perturbation in (None, Perturbation(motor_constant=2.0)):
+        machine = job.built_machine if perturbation is None else job.built_machine.perturbed(perturbation)
+        margins = margins_of(machine, job.built_servo)
+        least.append(min(axis.least_gain for axis in margins))
+        use = max(limits.gain_margin / least[-1], max(axis.sensitivity for axis in margins) / limits.sensitivity)
+        row = verdict_row(Case.of(job, perturbation=perturbation), run)
+        assert row["stability_limit_use_percent"] == pytest.approx(100 * use, rel=1e-6)
+    assert least[1] < 0.9 * least[0]

@@ -2,6 +2,7 @@
 
 import csv
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,13 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.study import OK, Report, measure, run_study
 from gantrysim.study.acceptance import Criterion
+from gantrysim.study.cases import Case
 from gantrysim.study.speed import SpeedAnswer, SpeedStudy, answer, next_speeds
+from gantrysim.study.speed.study import speed_changes
 
 from support.distinct import unaccounted
+from support.remedies import SIDES, lines_job
 
 MOST_ROUNDS = 40
 
@@ -208,6 +213,20 @@ def test_a_real_search_agrees_with_runs_at_its_answer():
     assert next(row for row in rows if row["speed_mm_s"] == found.fastest)["contour_max_um"] == pytest.approx(largest)
 
 
+def test_glue_that_fails_at_every_speed_of_real_runs_is_the_answer():
+    """A valve that opens for 80 ms: faster, more is missing, and no speed of these mends it."""
+    study = SpeedStudy(lines_job(SIDES, dispenser={"area": 2.0, "opening": 0.08, "closing": 0.08}))
+    cases = [Case.of(study.job, study.overrides(speed), round=1, speed_mm_s=speed) for speed in (50.0, 100.0, 200.0)]
+    rows = [{**dict(case.tags), **measure(case)} for case in cases]
+    assert [row["glue_verdict"] for row in rows] == ["fail"] * 3
+    least = min(rows, key=lambda row: row["glue_limit_use_percent"])
+    text = study.report(rows).answer
+    assert text.startswith("No speed tried, from 50 to 200 mm/s, keeps the job's tolerance: ")
+    assert f"{least['speed_mm_s']:g} mm/s comes nearest" in text
+    assert f"glue: {least['glue_check']}" in text
+    assert "Run with" not in text
+
+
 ROW = {
     "tolerance_mm": 3.0,
     "status": OK,
@@ -258,3 +277,14 @@ def test_invalid_searches_are_refused(build, text):
 def test_an_unknown_metric_is_refused_before_any_case(tmp_path):
     with pytest.raises(InputError, match="unknown metric 'contour_mx'"):
         run_study(SpeedStudy(Job.load("an225"), 50.0, "contour_mx", measure=synthetic), tmp_path / "out", workers=1)
+
+
+def test_a_flow_by_an_output_keeps_its_section_at_another_speed():
+    """The program's set points stay, so that each unit of them is a flow in proportion to the speed."""
+    job = Job.load("softmc-arc")
+    changed = speed_changes(job.changed({"dispenser.flow": 0.0, "dispenser.area": 0.0}), 25.0)
+    assert not any(key.startswith("dispenser.") for key in changed)
+    factor = 25.0 / job.controller.programmed_speed
+    for name in ("per_output", "flow"):
+        fed = SimpleNamespace(controller=job.controller, dispenser=Dispenser(**{name: 8.0}))
+        assert speed_changes(fed, 25.0)[f"dispenser.{name}"] == pytest.approx(8.0 * factor, rel=1e-3)

@@ -35,6 +35,7 @@ def record(path, s, *, commanded=0.0, encoder=0.0, motor=0.0, nozzle=0.0):
         flow_demand=np.zeros(len(s)),
         gap=0.5,
         dispense=np.ones(len(s), bool),
+        progress=s,
     )
 
 

@@ -44,17 +44,17 @@ class Paused:
         return self.base.duration + float(self.pauses.sum())
 
     @cached_property
-    def _begins(self) -> Floats:
+    def _pause_starts(self) -> Floats:
         """Times at which the pauses begin, (m,) [s]."""
-        reached = np.array([self.base.reached(s) for s in self.places])
+        reached = np.array([self.base.time_at(s) for s in self.places])
         return reached + np.append(0.0, np.cumsum(self.pauses))[: self.pauses.size]
 
     def _moving(self, t: ArrayLike) -> Floats:
         """Time spent in motion, (n,) [s]."""
         time = np.asarray(t, float)
-        k = np.searchsorted(self._begins, time, side="right")
+        k = np.searchsorted(self._pause_starts, time, side="right")
         paused = np.append(0.0, np.cumsum(self.pauses))
-        end_of_pause = np.append(-np.inf, self._begins + self.pauses)[k]
+        end_of_pause = np.append(-np.inf, self._pause_starts + self.pauses)[k]
         # during the pause that began last the motion stands still
         return time - paused[k] + np.maximum(end_of_pause - time, 0.0)
 
@@ -67,9 +67,9 @@ class Paused:
     def resting(self, t: ArrayLike) -> NDArray[np.intp]:
         """Index of the pause at times, -1 in motion, (n,)."""
         time = np.asarray(t, float)
-        k = np.searchsorted(self._begins, time, side="right") - 1
+        k = np.searchsorted(self._pause_starts, time, side="right") - 1
         # index -1, before the first pause, takes -inf
-        ends = np.append(self._begins + self.pauses, -np.inf)
+        ends = np.append(self._pause_starts + self.pauses, -np.inf)
         return np.where(time < ends[k], k, -1)
 
 

@@ -84,7 +84,7 @@ def _cut_legs(before: PathLeg, after: PathLeg) -> list[PathLeg]:
         offset = math.copysign(size, bend)
         centre = None
         if not (_too_tight(first, offset) or _too_tight(second, offset)):
-            centre = meeting(first.beside(offset), second.beside(offset))
+            centre = meeting(first.offset_move(offset), second.offset_move(offset))
         if centre is None:
             raise _no_room(before)
         begin = _foot(first, centre)

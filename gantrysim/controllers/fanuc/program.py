@@ -22,6 +22,7 @@ from gantrysim.controllers.fanuc.codes.modal_codes import INCH
 from gantrysim.controllers.fanuc.compensation import compensated_legs
 from gantrysim.controllers.fanuc.corners import cornered_legs
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed_legs, switched_legs
+from gantrysim.controllers.fanuc.modal_state import ModalState
 from gantrysim.controllers.fanuc.parts import Part, averaged_places, in_place, stretch
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding
@@ -232,8 +233,15 @@ class Program(Controller):
     def _motions(self) -> ProgramMotions:
         assert isinstance(self.program, str)
         source = ProgramSource(self.program, self.subprograms, self.block_skip, self.max_steps)
-        upward = self.placement.upward
-        return read(source, self.start, self.offsets, self.rotary_word, self._outputs, self.flow_output, upward)
+        state = ModalState(
+            list(self.start),
+            self.offsets,
+            self.rotary_word,
+            home=self.start,
+            upward=self.placement.upward,
+            outputs=self._outputs,
+        )
+        return read(source, state, self.flow_output)
 
     @property
     def called_files(self) -> frozenset[str]:
@@ -242,11 +250,11 @@ class Program(Controller):
     @cached_property
     def legs(self) -> tuple[PathLeg, ...]:
         """The motions of the blocks."""
-        legs, _ = self._switched
+        legs, _ = self._valve_motions
         return tuple(placed_legs(compensated_legs(cornered_legs(legs)), self.placement))
 
     @cached_property
-    def _switched(self) -> tuple[list[PathLeg], Valve | None]:
+    def _valve_motions(self) -> tuple[list[PathLeg], Valve | None]:
         """The motions as the text has them, with the glue that its valve lays, and the valve; None for blocks."""
         if isinstance(self.program, str):
             blocks = self._motions.blocks
@@ -319,7 +327,7 @@ class Program(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         notes = notes_of(self.legs, self.requested, self.blend_time, self.acceleration)
-        _, valve = self._switched
+        _, valve = self._valve_motions
         return notes if valve is None or valve.note is None else (valve.note, *notes)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:

@@ -5,22 +5,21 @@ Numbers are millimetres, or inches after G20, with or without a decimal point (c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from gantrysim.controllers.fanuc.alarm import BlockSource
 from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, Words
-from gantrysim.controllers.fanuc.blocks import Block
+from gantrysim.controllers.fanuc.blocks import Block, Dwell
 from gantrysim.controllers.fanuc.codes import ACTIONS, CENTRES, MOTIONS, SETTINGS, g_codes_in_short
 from gantrysim.controllers.fanuc.modal_state import ENDS, ModalState
 from gantrysim.controllers.fanuc.sequence import ProgramSource, Sequence
 from gantrysim.controllers.macro.variables import Parameters
 from gantrysim.controllers.speeds import SpeedWords
-from gantrysim.controllers.valve import NUMBERED, Outputs
-from gantrysim.paths.pieces import Vector
+from gantrysim.controllers.valve import NUMBERED
 
 SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=COMMENT, key="feed")
+_ENDS_OR_CALLS = frozenset({2.0, 30.0, 98.0, 99.0})  # M codes that no motion waits for
 _OUTPUTS = range(1100, 1116)  # variables of the interface's output signals
 _LENGTHS = set("XYZIJKQR")
 # codes that change what a mirror image or a turn refers to
@@ -64,49 +63,47 @@ class ProgramMotions(NamedTuple):
     called_files: frozenset[str]
 
 
-def read(
-    source: ProgramSource,
-    start: Vector,
-    offsets: Mapping[str, float],
-    rotary: str,
-    outputs: Outputs,
-    flow_output: str = "",
-    upward: float = 1.0,
-) -> ProgramMotions:
+def read(source: ProgramSource, state: ModalState, flow_output: str = "") -> ProgramMotions:
     """Return the motions of a program.
 
     Args:
         source: texts, and how they are read.
-        start: initial position [mm].
-        offsets: cutter compensation by its number D [mm].
-        rotary: letter of the rotary axis.
-        outputs: which the program switches.
+        state: at the program's start; it holds the state at its end afterwards.
         flow_output: S, or the variable of an output, whose value sets the flow; empty for none.
-        upward: sign of the program's z on the work, -1 where it is a depth.
 
     Raises:
         Alarm: an invalid word, or invalid combination of words.
     """
-    state = ModalState(list(start), offsets, rotary, start, upward, outputs=outputs)
     sequence = Sequence(source, state.controller_variable)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     variable = int(flow_output[1:]) if flow_output.startswith("#") else 0
-    blocks = tuple(
-        SourceBlock(
-            name=words.name,
-            line=words.line,
-            block=block,
-            idle=state.idle,
-            halting=state.halting,
-            continuous=state.continuous,
-            zero_height=state.zero_height,
-            outputs=outputs.now,
-            flow=sequence.parameters.numbered(variable) if variable else state.spindle,
+    blocks: list[SourceBlock] = []
+    for words in sequence.run():
+        motions = _run(state, words, sequence.parameters)
+        if not motions and blocks and not _ENDS_OR_CALLS.issuperset(words.auxiliary):
+            blocks[-1] = _halted(blocks[-1])
+        blocks += (
+            SourceBlock(
+                name=words.name,
+                line=words.line,
+                block=block,
+                idle=state.idle,
+                halting=state.halting,
+                continuous=state.continuous,
+                zero_height=state.zero_height,
+                outputs=state.outputs.now,
+                flow=sequence.parameters.numbered(variable) if variable else state.spindle,
+            )
+            for block in motions
         )
-        for words in sequence.run()
-        for block in _run(state, words, sequence.parameters)
-    )
-    return ProgramMotions(blocks, sequence.called_files)
+    return ProgramMotions(tuple(blocks), sequence.called_files)
+
+
+def _halted(source: SourceBlock) -> SourceBlock:
+    """Return a motion that comes to rest before a block of M codes alone; a dwell as it is."""
+    if isinstance(source.block, Dwell):
+        return source
+    return replace(source, block=replace(source.block, exact_stop=True))
 
 
 def _run(state: ModalState, words: Words, variables: Parameters) -> list[Block]:

@@ -276,7 +276,7 @@ class Sequence(Flow[Words]):
         block = self._blocks[self.place]
         self._source = block
         try:
-            following, words = self._executed(block)
+            following, words = self._execute(block)
         except Alarm:
             raise
         except (InputError, OverflowError) as error:
@@ -287,9 +287,9 @@ class Sequence(Flow[Words]):
             following = END
         return following, words if words.names or words.values else None
 
-    def _executed(self, block: ProgramBlock) -> Executed:
+    def _execute(self, block: ProgramBlock) -> Executed:
         if not _MACRO.search(block.text):
-            return self._called(words_of(block.text, block.name, block.line))
+            return self._call_or_return(words_of(block.text, block.name, block.line))
         label = _LABEL.match(block.text)
         compact = "".join(block.text[label.end() if label else 0 :].split())
         self._source = BlockSource(labelled_block(block.name, label[1]) if label else block.name, block.line)
@@ -300,7 +300,7 @@ class Sequence(Flow[Words]):
                 following = handler(self, scanner)
                 if following is not None:
                     return following, None
-        return self._called(computed_words(compact, self._source, self.parameters))
+        return self._call_or_return(computed_words(compact, self._source, self.parameters))
 
     @control("IF")
     def jump_or_assign_if(self, scanner: Scanner) -> int:
@@ -316,7 +316,7 @@ class Sequence(Flow[Words]):
     def jump(self, scanner: Scanner) -> int:
         """To the block with a number."""
         number = scanner.value("GOTO")(self.parameters)
-        return self._labelled(self._program_at(self.place), number)
+        return self._label_position(self._program_at(self.place), number)
 
     @control("WHILE")
     def begin_while(self, scanner: Scanner) -> int:
@@ -344,20 +344,20 @@ class Sequence(Flow[Words]):
         """Set a variable."""
         target = scanner.target()
         if not scanner.take("="):
-            raise InputError(f"{scanner.shown}: an assignment must have = after the variable")
+            raise InputError(f"{scanner.quoted_rest}: an assignment must have = after the variable")
         value = scanner.expression()
         if scanner.remaining:
-            raise InputError(f"{scanner.shown}: must be an operator or the end of the block")
+            raise InputError(f"{scanner.quoted_rest}: must be an operator or the end of the block")
         self.parameters.set(target, value(self.parameters))
         return self.following
 
-    def _labelled(self, program: int, number: float) -> int:
+    def _label_position(self, program: int, number: float) -> int:
         place = self.places.first((program, number), "N")
         if place is None:
             raise self._source.fail(78, f"N{number:g}: must be a block of the program")
         return place
 
-    def _called(self, words: Words) -> Executed:
+    def _call_or_return(self, words: Words) -> Executed:
         """Enter or leave a subprogram."""
         for name, handler in CALLS.items():
             if name in words.names:
@@ -367,7 +367,7 @@ class Sequence(Flow[Words]):
     @call
     def g65(self, words: Words) -> Executed:
         """Call a subprogram with its arguments as local variables."""
-        start = self._entered(words)
+        start = self._enter_subprogram(words)
         if start is None:
             return self.following, None
         numbers = {_ARGUMENTS[letter]: value for letter, value in words.values.items() if letter in _ARGUMENTS}
@@ -377,14 +377,14 @@ class Sequence(Flow[Words]):
     @call
     def m98(self, words: Words) -> Executed:
         """Call a subprogram; the other words of the block are run before it."""
-        start = self._entered(words)
+        start = self._enter_subprogram(words)
         if start is None:
             return self.following, None
         for letter in "PL":
             words.values.pop(letter, None)
         return start, words
 
-    def _entered(self, words: Words) -> int | None:
+    def _enter_subprogram(self, words: Words) -> int | None:
         """Call the subprogram P, L times, and return its first place; None for no repetition.
 
         P may also give the repetitions, before the last four digits, which are the number.
@@ -411,7 +411,7 @@ class Sequence(Flow[Words]):
         following = self.end_repetition()
         if self.depth < depth and "P" in words.values:
             self._source = words
-            return self._labelled(self._program_at(back - 1), words.values["P"]), None
+            return self._label_position(self._program_at(back - 1), words.values["P"]), None
         return following, None
 
 

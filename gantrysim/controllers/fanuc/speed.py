@@ -80,7 +80,7 @@ class Spliced:
     def duration(self) -> float:
         return float(self._times[-1] + self._profiles[-1].duration)
 
-    def _sampled(self, t: ArrayLike, name: str) -> Floats:
+    def _samples(self, t: ArrayLike, name: str) -> Floats:
         time = np.asarray(t, float)
         k = np.clip(np.searchsorted(self._times, time, side="right") - 1, 0, len(self._profiles) - 1)
         values = np.empty(time.shape)
@@ -90,10 +90,10 @@ class Spliced:
         return values
 
     def position(self, t: ArrayLike) -> Floats:
-        return self._sampled(t, "position")
+        return self._samples(t, "position")
 
     def velocity(self, t: ArrayLike) -> Floats:
-        return self._sampled(t, "velocity")
+        return self._samples(t, "velocity")
 
 
 _STEP = (0.02, 2.0)  # smallest and largest distance of nodes [mm]
@@ -141,19 +141,19 @@ class Planner:
         for switch, after in ((feeding.dry_run_from - begun, True), (feeding.dry_run_until - begun, False)):
             here = switch - times[-1]
             if 0 < here < profiles[-1].duration and math.isfinite(switch):
-                profile, late = self._switched(profiles[-1], here, after)
+                profile, late = self._with_switch(profiles[-1], here, after)
                 profiles.append(profile)
                 times.append(switch + late)
         return Spliced(profiles, times)
 
-    def _switched(self, profile: Limited, time: float, dry: bool) -> tuple[Limited, float]:
+    def _with_switch(self, profile: Limited, time: float, dry: bool) -> tuple[Limited, float]:
         """Return the profile after a switch of dry run, and the delay until it applies [s].
 
         There is none, except where the motion already brakes as hard as it can: then until a node ahead.
         """
         place = float(profile.position(time))
         for s in (place, *self._nodes[0][self._nodes[0] > place + _APART]):
-            late = 0.0 if s == place else profile.reached(float(s)) - time
+            late = 0.0 if s == place else profile.time_at(float(s)) - time
             if profile.length - s <= _APART:
                 break
             # brake to a lower feed with the largest share that the axes allow along the curve
@@ -251,7 +251,8 @@ class Planner:
         if self._feeding.blend_time > 0:
             reach = float(top.max()) * self._feeding.blend_time
             limit = np.minimum(
-                self._blended(ends, corner, self._limit, reach), self._blended(ends, turning, self._rotary_limit, reach)
+                self._blended_speeds(ends, corner, self._limit, reach),
+                self._blended_speeds(ends, turning, self._rotary_limit, reach),
             )
             limit[[leg.exact_stop for leg in self._legs[:-1]]] = 0.0
         else:
@@ -272,7 +273,7 @@ class Planner:
             capped[node[inside]] = np.minimum(capped[node[inside]], limit[inside])
         return capped
 
-    def _blended(self, ends: Floats, jump: Floats, acceleration: float, reach: float) -> Floats:
+    def _blended_speeds(self, ends: Floats, jump: Floats, acceleration: float, reach: float) -> Floats:
         """Speeds at which the moving average keeps the accelerations from jumps of a derivative below a limit.
 
         Args:

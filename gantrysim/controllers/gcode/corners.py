@@ -103,7 +103,7 @@ class Rounded:
         """Return the points at arc lengths, (n, 3) [mm]."""
         k = self.locate(s)
         distance = s - self.ends[k]
-        points = self.base.place(self.piece[k], distance + self.begin[k])
+        points = self.base.points_at(self.piece[k], distance + self.begin[k])
         on_arc = self.arc[k] >= 0
         if on_arc.any():
             arc = self.arc[k[on_arc]]

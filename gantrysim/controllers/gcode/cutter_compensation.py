@@ -130,7 +130,7 @@ class CutterCompensation:
                 f"cutter compensation begins in a move of {length:.6g} mm: must be longer than its offset, "
                 f"{abs(self._offset):.6g} mm"
             )
-        beside = programmed.beside(self._offset)
+        beside = programmed.offset_move(self._offset)
         if programmed.centre is None:
             self._moves.add(self._at(move, beside.end))
             self._last = _Last(len(self._moves) - 1, beside, is_entry=True)
@@ -146,7 +146,7 @@ class CutterCompensation:
         self._add_arc(move, arc, is_entry=True)
 
     def _join(self, move: MoveRow, programmed: PlaneMove, last: _Last) -> None:
-        beside = programmed.beside(self._offset)
+        beside = programmed.offset_move(self._offset)
         here = last.beside.end
         corner = cmath.phase(programmed.first_tangent / last.beside.last_tangent)
         # positive towards the nozzle

@@ -158,12 +158,12 @@ def statement(text: str, keywords: Keywords) -> ParsedLine:
         if scanner.take("#"):
             target = scanner.target()
             if not scanner.take("="):
-                raise InputError(f"{scanner.shown}: a parameter at the start of a word must be followed by =")
+                raise InputError(f"{scanner.quoted_rest}: a parameter at the start of a word must be followed by =")
             settings.append((target, scanner.value("=")))
             continue
         letter = scanner.remaining[0]
         if not ("A" <= letter <= "Z" or letter in "@^$"):
-            raise InputError(f"{scanner.shown}: must begin with a letter or #")
+            raise InputError(f"{scanner.quoted_rest}: must begin with a letter or #")
         scanner.position += 1
         words.append((letter, scanner.value(letter)))
     return ParsedLine(tuple(words), tuple(settings))
@@ -183,20 +183,20 @@ def _key(text: str) -> str:
 
 
 def _control(scanner: Scanner, keywords: Keywords) -> ParsedLine:
-    written = scanner.matched(_LABEL)
+    written = scanner.match(_LABEL)
     if written:
         label: str | Value = _key(written[1])
     else:
         scanner.take("O")
         label = scanner.value("O")
-    match = scanner.matched(keywords.pattern)
+    match = scanner.match(keywords.pattern)
     keyword = match[0] if match else ""
     arguments: list[Value] = []
     while scanner.remaining.startswith("["):
         arguments.append(scanner.value(keyword))
     if scanner.remaining:
         known = ", ".join(keywords.names).lower()
-        raise InputError(f"O word: {scanner.shown}: must be one of {known}, and then only values in brackets")
+        raise InputError(f"O word: {scanner.quoted_rest}: must be one of {known}, and then only values in brackets")
     if keyword in keywords.conditions and len(arguments) != 1:
         raise InputError(f"{keyword.lower()}: must have one condition or number in brackets")
     return ParsedLine(label=label, keyword=keyword, arguments=tuple(arguments))

@@ -14,6 +14,7 @@ from gantrysim.controllers.gcode.dialects import LINUXCNC, GCodeDialect
 from gantrysim.controllers.gcode.gcode_program import GCode, Library
 from gantrysim.controllers.gcode.interpret import Interpreted
 from gantrysim.controllers.gcode.move_table import ARC, CENTRE, DWELL, END, FEED, KIND, PLANE, PLANES, SOURCE, WORK
+from gantrysim.controllers.valve import SAME_PLACE
 
 # What grbl, whose programs are read as LinuxCNC's, refuses of them.
 
@@ -49,19 +50,21 @@ def refused_by_grbl(program: Interpreted) -> tuple[str, ...]:
 
 
 def halts_at_work(program: Interpreted) -> tuple[str, ...]:
-    """Return a note on the codes between two moves at feed for which the motion stops."""
+    """Return a note on the codes between two moves at feed, not straight up or down, for which the motion stops."""
     table = program.moves
     moves = np.flatnonzero(table[:, KIND] != DWELL)
-    at_work = table[moves, WORK] != 0
+    places = np.concatenate([[program.start], table[:, END : END + 3]])
+    level = np.abs(places[moves + 1, :2] - places[moves, :2]).max(axis=1, initial=0.0) > SAME_PLACE
+    at_work = (table[moves, WORK] != 0) & (level | (table[moves, KIND] == ARC))
     # moves at feed with a halt, but no dwell, between them
     between = np.add.reduceat(table[:, FEED] * (table[:, KIND] == DWELL), moves) if moves.size else moves
     halts = at_work[:-1] & at_work[1:] & (np.diff(moves) > 1) & (between[:-1] == 0)
     if not halts.any():
         return ()
     lines = ", ".join(f"{line:.0f}" for line in table[moves[:-1][halts][:_MOST_LINES] + 1, SOURCE])
-    more = ", ..." if halts.sum() > _MOST_LINES else ""
+    ending = ", ..." if halts.sum() > _MOST_LINES else ""
     return (
-        f"Between moves at feed, the motion stops {halts.sum()} times for a code (line {lines}{more}): LinuxCNC and "
+        f"Between moves at feed, the motion stops {halts.sum()} times for a code (line {lines}{ending}): LinuxCNC and "
         "grbl carry out M3 to M9, M64, M65, M68 and another S at rest; LinuxCNC's M62, M63 and M67 switch in motion.",
     )
 

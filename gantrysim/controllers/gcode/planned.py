@@ -195,7 +195,7 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
     path, joint, corners = _rounded_corners(base, table, limits, settings)
     profile, source = _profile(path, joint, limits, base.rows)
     pieces = _pieces_after(path, base.rows, rows, moves_before)
-    begin = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
+    begin = np.array([profile.time_at(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
     return PathPlan(
         requested=requested,
         path=path,

@@ -165,7 +165,7 @@ class Grammar:
                 spellings.setdefault(name[:SHORT_WORD] if name.isalpha() else name, name)
         return spellings
 
-    def called(self, name: str, x: float) -> float:
+    def function_value(self, name: str, x: float) -> float:
         """Return the value of a function.
 
         Raises:

@@ -54,7 +54,7 @@ class Scanner:
         return self.text[self.position :]
 
     @property
-    def shown(self) -> str:
+    def quoted_rest(self) -> str:
         """The start of the text that was not read yet, quoted for a message."""
         return repr(self.remaining[:_SHOWN])
 
@@ -65,7 +65,7 @@ class Scanner:
             return True
         return False
 
-    def matched(self, pattern: re.Pattern[str]) -> re.Match[str] | None:
+    def match(self, pattern: re.Pattern[str]) -> re.Match[str] | None:
         """Move past a pattern if it follows, and return its match."""
         match = pattern.match(self.text, self.position)
         if match:
@@ -90,33 +90,33 @@ class Scanner:
             return lambda parameters: -inner(parameters)
         if self.take("+"):
             return self.value(owner)
-        number = self.matched(_NUMBER)
+        number = self.match(_NUMBER)
         if number:
             return _constant(number[0])
         if self.take("["):
-            return self._closed()
+            return self._close_bracket()
         if self.take("#"):
             return _parameter(self.target())
-        function = self.matched(self._grammar.function_pattern)
+        function = self.match(self._grammar.function_pattern)
         if function:
-            return self._called(self._grammar.function_names[function[0]])
-        raise InputError(f"{owner}{self.shown}: must be followed by a number, a parameter or an expression")
+            return self._function_call(self._grammar.function_names[function[0]])
+        raise InputError(f"{owner}{self.quoted_rest}: must be followed by a number, a parameter or an expression")
 
     def target(self) -> Target:
         """Read a parameter's name or number, after its #."""
-        name = self.matched(_NAME)
+        name = self.match(_NAME)
         return name[1].lower() if name else self.value("#")
 
-    def _called(self, name: str) -> Value:
+    def _function_call(self, name: str) -> Value:
         if not self.take("["):
             raise InputError(f"{name}: must be followed by [")
         if name == self._grammar.existence:
             return self._existence(name)
-        argument = self._closed()
+        argument = self._close_bracket()
         if name == self._grammar.arc_tangent:
             return self._arc_tangent(name, argument)
         grammar = self._grammar
-        return lambda parameters: grammar.called(name, argument(parameters))
+        return lambda parameters: grammar.function_value(name, argument(parameters))
 
     def _existence(self, name: str) -> Value:
         if not self.take("#"):
@@ -135,17 +135,17 @@ class Scanner:
             if self.take("/"):
                 raise InputError(f"{name}[y]/: must be followed by [x]")
             return lambda parameters: math.degrees(math.atan(ordinate(parameters)))
-        abscissa = self._closed()
+        abscissa = self._close_bracket()
         return lambda parameters: math.degrees(math.atan2(ordinate(parameters), abscissa(parameters)))
 
     def expression(self) -> Value:
         """Read an expression that stands without brackets."""
         return self._expression(0)
 
-    def _closed(self) -> Value:
+    def _close_bracket(self) -> Value:
         value = self._expression(0)
         if not self.take("]"):
-            raise InputError(f"{self.shown}: must be an operator or ]")
+            raise InputError(f"{self.quoted_rest}: must be an operator or ]")
         return value
 
     def _expression(self, weakest: int) -> Value:
@@ -154,7 +154,7 @@ class Scanner:
         value = self.value("[")
         while True:
             start = self.position
-            match = self.matched(self._grammar.operator_pattern)
+            match = self.match(self._grammar.operator_pattern)
             if not match:
                 break
             operator = self._grammar.operators_by_spelling[match[0]]

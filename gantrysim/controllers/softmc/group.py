@@ -137,7 +137,7 @@ class Group:
             self.velocity_safety_limit,
         )
 
-    def overridden(self, command: Nodal) -> Group:
+    def with_overrides(self, command: Nodal) -> Group:
         """Return the group with a command's overrides."""
         names = [field.name for field in fields(Nodal) if field.name != "dispense"]
         given = {name: value for name in names if (value := getattr(command, name)) is not None}

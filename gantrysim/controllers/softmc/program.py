@@ -229,7 +229,7 @@ class Program(Controller):
         legs = []
         for line in self._lines():
             try:
-                group = self.group.overridden(line.command)
+                group = self.group.with_overrides(line.command)
                 path = segment(line.command, here, len(self.start), group.absolute)
                 leg = leg_of(path, here, group, line.command.dispense is not False)
             except InputError as error:

@@ -99,7 +99,7 @@ def _is_at_end(axis: _Axis, limits: _Limits) -> bool:
 
 
 @jit
-def _advanced(axis: _Axis, limits: _Limits, until: float, target: float, phases: list[_Phase]) -> _Axis:
+def _axis_after(axis: _Axis, limits: _Limits, until: float, target: float, phases: list[_Phase]) -> _Axis:
     """Return the axis at a time [s] or the end, whichever comes first, after motion at the SPEED `target` [mm/s].
 
     The phases of the motion are appended.
@@ -422,14 +422,14 @@ def _run(
             # the published program stops at SPEED = V / 0, a guarded one holds x; the axes continue either way
             if not waits.guarded:
                 end = _HALTED
-            axis = _advanced(axis, limits, math.inf, v / abs(passes[-1][0]), phases)
+            axis = _axis_after(axis, limits, math.inf, v / abs(passes[-1][0]), phases)
             break
         if len(passes) == most:
             end = _ENDLESS
             break
         passes.append((x, axis.time, axis.distance))
         begun += _wait(x, waits) + waits.interpreter_time
-        axis = _advanced(axis, limits, _effect(begun, waits.servo_period), v / abs(x), phases)
+        axis = _axis_after(axis, limits, _effect(begun, waits.servo_period), v / abs(x), phases)
     pass_columns = np.empty((3, len(passes)))
     for k in range(len(passes)):
         for column in range(3):

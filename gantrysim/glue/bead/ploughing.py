@@ -12,8 +12,7 @@ A face within a hundredth of the nozzle's gap over the top touches the glue, whi
 
 Three kinds of contact belong to laying a bead and do not count:
 
-- Glue being laid: the last two widths of bead, and a diameter of the needle, behind it on its trace. An acute corner of
-  30 deg or more lies within.
+- Glue being laid: the last two widths of bead, and a diameter of the needle, behind it, with corners of 30 deg or more.
 - Neighbouring turns, which the face may brush while it dispenses: there the needle passes through a bead only where its
   axis does. How close turns lie is judged by their clearance.
 - Joints: a stretch of dispensing that begins or ends at a bead, its own in an outline that closes, with all of the

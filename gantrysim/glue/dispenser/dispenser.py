@@ -50,7 +50,7 @@ DEMANDS = {
 }
 
 _LARGEST_VALUE = 1e9  # largest flow, area and pressure
-_LONGEST = 1e3  # dead time, time constants, leads and advance [s]
+_LONGEST = 4.0  # dead time, time constants, leads and advance: longer ones are milliseconds [s]
 _CLIPPED = 1e-3  # share of the volume from which a clipped demand is noted
 _EMPTY = 1e-9  # glue that remains in an empty syringe, relative to that at the start
 
@@ -147,8 +147,13 @@ class Dispenser:
         if len(given) > 1:
             raise InputError(f"{' and '.join(given)}: only one of {', '.join(DEMANDS)} can be given")
         for name in ("dead_time", "closing_dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
-            if getattr(self, name) is not None:
-                at_least(name, getattr(self, name), 0, "s", _LONGEST)
+            time = getattr(self, name)
+            if time is not None and _LONGEST < at_least(name, time, 0, "s") <= 1e3 * _LONGEST:
+                raise InputError(
+                    f"{name} = {time:g} s: must be at most {_LONGEST:g} s; {time:g} ms are {1e-3 * time:g} s"
+                )
+            if time is not None:
+                at_least(name, time, 0, "s", _LONGEST)
         check_one_of("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
         check_one_of("kind of dispenser", self.kind, _KINDS)
         self._check_kind()

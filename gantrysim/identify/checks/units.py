@@ -146,10 +146,15 @@ def inertia_ratio(table: AxisModel, position: Floats, torque: Floats, period: fl
     return relation.inertia / table.inertia
 
 
+# inertia by torque over acceleration, which has the time squared
+_TIME_SLIPS = {"ms": (1e6, 1e6), "µs": (1e12, 1e12)}
+
+
 def inertia_hint(axis: Axis, ratio: float) -> str:
     """Return the confusions that make an inertia this many times that of the table, as a question or an advice."""
     slips = [f"torque in {name} read as N·m" for name in torque_slips(axis, ratio)]
     slips += [f"position in {name} read as {axis.unit}" for name in position_slips(axis, 1 / ratio)]
+    slips += [f"time in {name} read as s" for name in _matching(_TIME_SLIPS, ratio)]
     return f"{', or '.join(slips)}?" if slips else "check units, lead and gear ratio"
 
 

@@ -216,7 +216,7 @@ class Motor(Table):
             )
         stated = (("no_load_speed", self.no_load_speed, "rpm"), ("stall_torque", self.stall_torque, "N·m"))
         for name, value, unit in stated:
-            computed = self.computed[name]
+            computed = self.computed_ratings[name]
             if value is not None and abs(value - computed) > CONSISTENT * computed:
                 raise InputError(
                     f"{name} = {value:g} {unit}: voltage, constant, resistance and no-load current give "
@@ -252,7 +252,7 @@ class Motor(Table):
         return self.continuous_torque or self.holding_torque or 0.0
 
     @property
-    def computed(self) -> dict[str, float]:
+    def computed_ratings(self) -> dict[str, float]:
         """No-load speed (V - R I0) / K [rpm] and stall torque K V / R [N·m] at the nominal voltage."""
         speed = (self.voltage - self.resistance * self.no_load_current) / self.K
         return {"no_load_speed": speed / RPM, "stall_torque": self.K * self.voltage / self.resistance}
@@ -261,7 +261,7 @@ class Motor(Table):
     def friction(self) -> tuple[float, float]:
         """Coulomb friction [N·m] and viscous friction [N·m·s/rad]: each half of the no-load torque (assumption)."""
         half = 0.5 * self.K * self.no_load_current
-        return half, half / (self.computed["no_load_speed"] * RPM)
+        return half, half / (self.computed_ratings["no_load_speed"] * RPM)
 
     def torque_at(self, speed: float, voltage: float, current: float) -> float:
         """Return the largest torque at a speed, see `largest_torque`."""

@@ -122,7 +122,7 @@ class Kinematics(ABC):
         """Names of the coordinates."""
         return tuple(coordinate.name for coordinate in self.coordinates)
 
-    def described(self, position: Floats) -> str:
+    def position_text(self, position: Floats) -> str:
         """Return a position as text, such as "x = 10, y = 0, z = 426 mm, r = 90 deg"."""
         parts = []
         for k, (coordinate, value) in enumerate(zip(self.coordinates, position.tolist(), strict=True)):
@@ -140,10 +140,10 @@ class Kinematics(ABC):
         if out.any():
             row = int(out.any(axis=1).argmax())
             coordinate = self.coordinates[int(out[row].argmax())]
-            bounds = "{:g} to {:g}".format(*coordinate.travel)
+            low, high = coordinate.travel
+            bounds = f"{low:g} to {high:g} {coordinate.unit}"
             raise UnreachableError(
-                f"{self.described(position[row])}: {coordinate.name} must lie in the travel {bounds} {coordinate.unit}",
-                row,
+                f"{self.position_text(position[row])}: {coordinate.name} must lie in the travel {bounds}", row
             )
 
 

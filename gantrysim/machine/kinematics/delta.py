@@ -191,7 +191,7 @@ class Delta(Kinematics):
             k = int(out[row].argmax())
             distance, low, high = self._span(u[row], k)
             raise UnreachableError(
-                f"{self.described(position[row])}: out of reach of {self.names_of_arms[k]}, "
+                f"{self.position_text(position[row])}: out of reach of {self.names_of_arms[k]}, "
                 f"{distance:.4g} mm from its shoulder, must be {low:.4g} to {high:.4g} mm",
                 row,
             )
@@ -227,7 +227,7 @@ class Delta(Kinematics):
         if near.any():
             row = int(near.argmax())
             k = int(from_line[row].argmin())
-            text = f"{self.described(position[row])}: near a singularity, "
+            text = f"{self.position_text(position[row])}: near a singularity, "
             angle_from_line = from_line[row, k]
             if angle_from_line < LEAST_ANGLE:
                 text += (

@@ -45,17 +45,17 @@ class Clock:
         return min(self.moment + self.speed * max(now - self.since, 0.0), self.end)
 
     @property
-    def paused(self) -> bool:
+    def is_paused(self) -> bool:
         """Whether it is paused; a clock at its end is not."""
         return self.since is None
 
     def toggled(self, now: float) -> Clock:
         """Return the clock paused, or resumed if it is paused."""
-        return replace(self, moment=self.at(now), since=now if self.paused else None)
+        return replace(self, moment=self.at(now), since=now if self.is_paused else None)
 
     def moved(self, moment: float, now: float) -> Clock:
         """Return the clock set to another moment, or to the nearest that exists."""
-        return replace(self, moment=min(max(moment, 0.0), self.end), since=None if self.paused else now)
+        return replace(self, moment=min(max(moment, 0.0), self.end), since=None if self.is_paused else now)
 
     def scaled(self, factor: float, now: float) -> Clock:
         """Return the clock with its speed multiplied, within SLOWEST to FASTEST, without a jump."""

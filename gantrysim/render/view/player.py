@@ -102,7 +102,7 @@ class Player:
         Raises:
             WindowClosedError: the window is closed.
         """
-        for key in self._window.pressed():
+        for key in self._window.take_pressed_keys():
             self._act(key)
         self._apply_pushes()
         source = self._source
@@ -113,7 +113,7 @@ class Player:
         run = source.run
         tick = source.tick
         reached = float(run.time[tick])
-        if source.live and not self.clock.paused and reached + run.period < moment:
+        if source.live and not self.clock.is_paused and reached + run.period < moment:
             # too slow: the clock waits, so that no time has to be made up later
             self.clock = self.clock.moved(reached, now)
         self._pace.note(now, self.clock.at(now))
@@ -157,7 +157,7 @@ class Player:
         telemetry = self._telemetry
         clock = self.clock
         self._chart.draw(telemetry.time[: tick + 1], telemetry.error[: tick + 1], source.until)
-        keys = clock.paused or source.over or now - self._start < _ALL_KEYS
+        keys = clock.is_paused or source.over or now - self._start < _ALL_KEYS
         view = ViewState(clock, self._pace.factor, self._push, keys)
         texts = moment_texts(self._name, source, telemetry, view)
         self._window.show(texts, self._chart)

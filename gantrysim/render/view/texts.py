@@ -75,7 +75,7 @@ def moment_texts(name: str, source: Source, telemetry: Telemetry, view: ViewStat
     pace = view.pace
     push = view.push
     tick = source.tick
-    paused = clock.paused
+    paused = clock.is_paused
     ended = source.over
     time = float(telemetry.time[tick])
     error = float(telemetry.error[tick])

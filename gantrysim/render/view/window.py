@@ -104,9 +104,9 @@ class WindowClosedError(Exception):
 class ViewerWindow:
     """A window that shows a scene; the mouse moves the camera and pushes bodies.
 
-    All of it happens in the thread that opens it and calls its methods, as mouse and keys are read by `pressed`.
-    MuJoCo's own passive viewer draws in a thread of its own, in which closing it while a mesh is uploaded blocks all
-    of Python for good.
+    All of it happens in the thread that opens it and calls its methods, as mouse and keys are read by
+    `take_pressed_keys`. MuJoCo's own passive viewer draws in a thread of its own, in which closing it while a mesh is
+    uploaded blocks all of Python for good.
 
     Args:
         scene: to be shown.
@@ -135,7 +135,7 @@ class ViewerWindow:
         glfw.set_cursor_pos_callback(self._window, self._move)
         glfw.set_scroll_callback(self._window, self._scroll)
 
-    def pressed(self) -> list[int]:
+    def take_pressed_keys(self) -> list[int]:
         """Return the keys pressed since the last call, by GLFW's codes.
 
         Raises:

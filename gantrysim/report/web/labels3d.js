@@ -187,6 +187,8 @@ export class Labels {
     /** @type {TextPlace[]} */
     const places = [[px + 9, py - 11, "left"], [px - 9, py - 11, "right"], [px, py - 24, "center"]];
     this._text("worst", places, { fillStyle: ink, always: true });
+    // of the mark, and of the cursor that begins there
+    this.texts.keep([px - 8, py - 14, px + 8, py + 8]);
     for (const mark of marks) this._text(...mark);
   }
 

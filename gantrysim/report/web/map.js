@@ -234,6 +234,8 @@ export class PlanMap {
     /** @type {TextPlace[]} */
     const places = [[px + WORST, py - 12, "left"], [px - WORST, py - 12, "right"], [px, py - 26, "center"]];
     this.texts.write(text, places, { fillStyle: ink, halo: colours.paper, always: true });
+    // of the triangle, and of the cursor that begins there
+    this.texts.keep([px - WORST, py - 6 - WORST, px + WORST, py + WORST]);
   }
 
   /**

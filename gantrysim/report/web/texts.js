@@ -14,6 +14,14 @@ export class Texts {
   }
 
   /**
+   * Keep a place free of the texts that follow, [left, top, right, bottom].
+   * @param {number[]} box
+   */
+  keep(box) {
+    this.boxes.push(box);
+  }
+
+  /**
    * Write a text at the first of some places where there is room, [x, y, align], y in its middle; returns whether there
    * is any. With `always`, it stands at the first place, moved into the picture.
    *

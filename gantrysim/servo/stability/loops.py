@@ -184,13 +184,13 @@ def peaks_of(loops: Sequence[Loops]) -> Floats:
     """
     laws = loops[0]
     axes = np.arange(len(laws.laws))
-    grids = [one.plant.theta for one in loops]
-    L = laws.open(np.concatenate(grids), np.concatenate([one.plant.P for one in loops]))
+    grids = [loop.plant.theta for loop in loops]
+    L = laws.open(np.concatenate(grids), np.concatenate([loop.plant.P for loop in loops]))
     first = np.cumsum([0, *(len(grid) for grid in grids[:-1])])
     peaks: Floats = np.maximum.reduceat(np.abs(1 / (1 + L)), first, axis=0)
     k = np.array([distance.argmin(axis=0) for distance in np.split(np.abs(1 + L), first[1:])])
-    low = np.array([grid[np.maximum(at - 1, 0)] for grid, at in zip(grids, k, strict=True)])
-    high = np.array([grid[np.minimum(at + 1, len(grid) - 1)] for grid, at in zip(grids, k, strict=True)])
+    low = np.array([grid[np.maximum(nearest - 1, 0)] for grid, nearest in zip(grids, k, strict=True)])
+    high = np.array([grid[np.minimum(nearest + 1, len(grid) - 1)] for grid, nearest in zip(grids, k, strict=True)])
     for _ in range(2):
         near = np.linspace(low, high, _ZOOM, axis=1)  # (loops, zoom, axes)
         values = np.array(_open_loops(loops, [angles.ravel() for angles in near]))
@@ -200,7 +200,7 @@ def peaks_of(loops: Sequence[Loops]) -> Floats:
         low = np.take_along_axis(near, np.maximum(k - 1, 0), 1)[:, 0]
         high = np.take_along_axis(near, np.minimum(k + 1, _ZOOM - 1), 1)[:, 0]
     # lightly damped ones have peaks narrower than the grid
-    narrow = [np.angle(poles[(poles.imag > 0) & _is_peaked(poles)]) for poles in (one.closed_poles for one in loops)]
+    narrow = [np.angle(poles[(poles.imag > 0) & _is_peaked(poles)]) for poles in (loop.closed_poles for loop in loops)]
     sizes = [np.abs(1 / (1 + values)).max(axis=0, initial=0) for values in _open_loops(loops, narrow)]
     return np.maximum(peaks, sizes)
 
@@ -211,7 +211,7 @@ def _is_peaked(poles: Complexes) -> NDArray[np.bool_]:
 
 def _open_loops(loops: Sequence[Loops], angles: Sequence[Floats]) -> list[Complexes]:
     """Return the open loops that one servo closes on several plants, each at angles of its own, (n, axes) each."""
-    P = np.concatenate([one.system.response(np.exp(1j * theta)) for one, theta in zip(loops, angles, strict=True)])
+    P = np.concatenate([loop.system.response(np.exp(1j * theta)) for loop, theta in zip(loops, angles, strict=True)])
     L = loops[0].open(np.concatenate(angles), P)
     return np.split(L, np.cumsum([len(theta) for theta in angles[:-1]]))
 

@@ -60,7 +60,8 @@ def with_velocity_loops(
     G = system.G0 + system.G1
     H = motors
     K = np.diag(gain)
-    identity = np.eye(m)
+    # a drive without an integral term holds no z, which would be a pole at 1
+    integrates = np.diag(rate > 0).astype(float)
     whole = np.diag(gain * (1 + rate * t))
     step = np.zeros((n + 2 * m, n + 2 * m))
     enter = np.zeros((n + 2 * m, m))
@@ -72,11 +73,11 @@ def with_velocity_loops(
     step[x, before] = G @ whole / t
     step[x, z] = G @ K @ np.diag(rate)
     step[before, x] = H
-    step[z, x] = -H
-    step[z, before] = identity
-    step[z, z] = identity
+    step[z, x] = -integrates @ H
+    step[z, before] = integrates
+    step[z, z] = integrates
     enter[x] = G @ whole
-    enter[z] = t * identity
+    enter[z] = t * integrates
     F = np.eye(n + 2 * m)
     G0 = np.zeros_like(enter)
     G1 = np.zeros_like(enter)

@@ -118,7 +118,7 @@ class CircleStudy(Study):
             "servo": {"integral_time": 0.03},
         }
         job = Job.of_content(content, f"circle of radius {self.radius:g} mm at {self.speed:g} mm/s")
-        return job.overridden([f"machine={self.machine}", *self.overrides])
+        return job.with_overrides([f"machine={self.machine}", *self.overrides])
 
     @cached_property
     def centre(self) -> tuple[float, float]:

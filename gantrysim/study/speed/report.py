@@ -14,8 +14,8 @@ from gantrysim.metrics.error_quantities import CONTOUR, DURATION, SPEED
 from gantrysim.report.document import Column, Table
 from gantrysim.report.plots.style import COLOURS, sheet
 from gantrysim.results.colours import BAD, GOOD, INK
-from gantrysim.study.acceptance import Criterion, improve_command, settings_text
-from gantrysim.study.cases import OK, Row
+from gantrysim.study.acceptance import Acceptance, Criterion, JobCriterion, Scope, improve_command, settings_text
+from gantrysim.study.cases import ASPECTS, OK, Row
 from gantrysim.study.drawing import logarithmic
 from gantrysim.study.speed.study import Grade, SpeedAnswer, SpeedStudy, answer_of, speed_of
 from gantrysim.study.study import Details, Plot, Report
@@ -133,6 +133,8 @@ def speed_answer(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row], fa
             f"No speed tried, {tried}, keeps {limit}: {speed_of(nearest):g} mm/s comes nearest "
             f"({criterion.failure(nearest)}), so speed is not the lever; {improve_command(study.job)} tries the others."
         )
+    if isinstance(criterion, JobCriterion) and criterion.scope.aspects != ASPECTS:
+        return _answer_where_all_fail(study, good, tried, criterion.scope, result.fastest)
     if study.programmed_speed in result.islands:
         return _answer_between(study, by_speed, limit, fastest)
     saturation = saturation_of(durations(good))
@@ -148,6 +150,17 @@ def speed_answer(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row], fa
         f"{_change(study, speed)}: {result.fastest:g} mm/s, {ratio:.3g} times the programmed "
         f"{study.programmed_speed:g} mm/s, is the fastest speed that keeps {limit}; {result.above:g} mm/s does not "
         f"({fastest.failure(by_speed[result.above])}){_again(result)}{remark}."
+    )
+
+
+def _answer_where_all_fail(study: SpeedStudy, good: Sequence[Row], tried: str, scope: Scope, fastest: float) -> str:
+    """Return the answer where no speed keeps the whole tolerance, though some keep the limits of the motion."""
+    judged = {speed_of(row): acceptance for row in good if (acceptance := Acceptance.of(row)) is not None}
+    nearest = min(judged, key=lambda speed: judged[speed].use())
+    return (
+        f"No speed tried, {tried}, keeps {Scope(ASPECTS).words}: {nearest:g} mm/s comes nearest "
+        f"({judged[nearest].failures()}), so speed is not the lever; {improve_command(study.job)} tries the others. "
+        f"By {scope.words}, {fastest:g} mm/s is the fastest."
     )
 
 

@@ -165,6 +165,15 @@ def test_a_bead_that_begins_in_a_dot_has_its_glue(xyz, share, dots):
     assert len(bead.dots) == dots
 
 
+@pytest.mark.parametrize(("share", "dots"), [(0.6, 1), (1.4, 0)])
+def test_a_needle_that_stays_over_its_own_face_lays_a_dot(xyz, share, dots):
+    """Also one that is narrower than the face: 0.001 mm³ in 0.2 s."""
+    way = share * followed(xyz, mill(DOT.format(10))).run.face
+    bead = followed(xyz, mill(f"G0 X10 Y10\nG0 Z0\nM3\nG4 P0.2\nG1 X{10 + way} F1200\nM5\nG0 Z2"), flow=0.005)
+    assert 2 * Cap.of(0.005 * 0.3, BeadSettings()).radius < way
+    assert len(bead.dots) == dots
+
+
 def test_what_flows_late_belongs_to_the_dot_that_was_switched_off(xyz):
     """Up to the middle between two dots, of which the first has 0.2 s, the other 0.1 s."""
     lag = 0.02

@@ -236,6 +236,14 @@ def test_a_pump_meters_its_flow_whatever_the_needle():
     np.testing.assert_array_equal(flows(Dispenser(**common, needle=NEEDLE), on), flows(Dispenser(**common), on))
 
 
+def test_milliseconds_for_seconds_are_refused():
+    for name in ("dead_time", "closing_dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
+        with pytest.raises(InputError, match=rf"{name} = 20 s: must be at most 4 s; 20 ms are 0.02 s"):
+            Dispenser(FLOW, **{name: 20.0})
+    with pytest.raises(InputError, match=r"opening = -1 s: must be at least 0 s"):
+        Dispenser(FLOW, opening=-1.0)
+
+
 def test_a_start_lead_longer_than_the_programs_wait_delays_the_motion():
     dispenser = Dispenser(FLOW, start_lead=0.0505)
     setpoints = Setpoints(

@@ -381,3 +381,15 @@ def test_a_pump_s_slip_shortens_its_lag():
     drive = Dispenser(area=AREA, kind="volumetric", needle=NEWTONIAN, pump=Pump(leak=0.05, compliance=0.01)).drive
     lag = 0.01 / (0.05 + NEWTONIAN.conductance)
     assert drive.lags(16.0) == pytest.approx((lag, lag), rel=1e-6)
+
+
+def test_a_pump_that_stalls_leaks_and_drives_the_flow_of_its_limit():
+    """Half the pressure of the flow is all that its torque holds: C p through the needle, g p back."""
+    on = np.ones(3000, bool)
+    limit = 0.5 * float(NEWTONIAN.pressure(AREA * 50))
+    pump = Pump(displacement=50.0, torque=limit * 50.0 / (2e6 * math.pi), leak=0.02, compliance=0.01)
+    dispenser = Dispenser(area=AREA, kind="volumetric", needle=NEWTONIAN, pump=pump)
+    result = dispenser.driven(on, np.full(3000, 50.0), PERIOD, Material())
+    assert result.out.pressure[-1] == pytest.approx(limit)
+    assert result.out.flow[-1] == pytest.approx(NEWTONIAN.conductance * limit)
+    assert result.out.lost[-1] == pytest.approx((AREA * 50 - (NEWTONIAN.conductance + 0.02) * limit) * PERIOD)

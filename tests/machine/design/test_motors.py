@@ -40,7 +40,7 @@ def test_a_catalogue_s_speed_and_stall_torque_follow_from_its_other_values(name)
     volt, k, ohm = data["voltage"], data["torque_constant"], data["resistance"]
     motor = motor_of(name)
     speed = (volt - ohm * data["no_load_current"]) / k * 30 / math.pi
-    assert motor.computed["no_load_speed"] == pytest.approx(speed, rel=1e-12)
+    assert motor.computed_ratings["no_load_speed"] == pytest.approx(speed, rel=1e-12)
     if "no_load_speed" in data:
         assert data["no_load_speed"] == pytest.approx(speed, rel=0.015)
         assert data["stall_torque"] == pytest.approx(k * volt / ohm, rel=0.015)
@@ -51,7 +51,7 @@ def test_a_catalogue_s_speed_and_stall_torque_follow_from_its_other_values(name)
 
 def test_the_re_25_s_remembered_no_load_speed_contradicts_its_other_values():
     """9550 rpm at 24 V stands in models/README.md; voltage, constant and resistance give 9760 rpm."""
-    assert motor_of("maxon-re25-24").computed["no_load_speed"] == pytest.approx(9759, abs=1)
+    assert motor_of("maxon-re25-24").computed_ratings["no_load_speed"] == pytest.approx(9759, abs=1)
     data = {**CONTENT["motors"]["maxon-re25-24"], "no_load_speed": 9550.0}
     with pytest.raises(InputError, match=r"no_load_speed = 9550 rpm: voltage, .* give 9759 rpm; correct one"):
         validated_model(Motor, data, "motor")

@@ -40,7 +40,7 @@ def test_clock_is_the_sum_of_speed_times_time(start, speed, events):
             factor = 2.0 if event == "x2" else 0.5
             clock, speed = clock.scaled(factor, now), min(max(speed * factor, SLOWEST), FASTEST)
         assert clock.at(now) == pytest.approx(expected, rel=CLOCK, abs=CLOCK * (1 + now) * speed)
-        assert clock.paused is not runs
+        assert clock.is_paused is not runs
         assert clock.speed == speed
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from gantrysim.base.errors import GantryError
 from gantrysim.render.colours import Scale, scale_for
-from gantrysim.render.opengl import offscreen
+from gantrysim.render.opengl import offscreen_context
 from gantrysim.render.panel import BAR_HEIGHT, colour_bar
 from gantrysim.render.scene import Scene
 from gantrysim.render.view.chart import Chart
@@ -130,7 +130,7 @@ class Screen:
         return lambda *_: {"get_window_content_scale": (1.0, 1.0)}.get(name, self.size)
 
     def make_context_current(self, _):
-        self.context = offscreen(*self.size)
+        self.context = offscreen_context(*self.size)
 
     def terminate(self):
         self.context.free()
@@ -199,15 +199,15 @@ def looked(window):
 
 def test_keys_arrive_once_and_a_closed_window_is_told(opened):
     window, screen = opened
-    assert window.pressed() == []
+    assert window.take_pressed_keys() == []
     screen.press(glfw.KEY_SPACE)
     screen.press(glfw.KEY_UP)
-    assert window.pressed() == [glfw.KEY_SPACE, glfw.KEY_UP]
-    assert window.pressed() == []
+    assert window.take_pressed_keys() == [glfw.KEY_SPACE, glfw.KEY_UP]
+    assert window.take_pressed_keys() == []
     assert screen.shown == 1
     screen.closed = True
     with pytest.raises(WindowClosedError):
-        window.pressed()
+        window.take_pressed_keys()
 
 
 def test_a_minimised_window_shows_nothing_and_still_reads_keys(opened):
@@ -215,7 +215,7 @@ def test_a_minimised_window_shows_nothing_and_still_reads_keys(opened):
     screen.size = (0, 0)
     window.show(TEXTS, Chart())
     screen.press(glfw.KEY_SPACE)
-    assert window.pressed() == [glfw.KEY_SPACE]
+    assert window.take_pressed_keys() == [glfw.KEY_SPACE]
     assert screen.shown == 1
 
 
@@ -226,7 +226,7 @@ def test_brackets_go_round_the_cameras_and_escape_keeps_the_view(opened):
     for _ in range(window._scene.model.ncam):
         screen.press(glfw.KEY_RIGHT_BRACKET)
         views.append(looked(window))
-    assert window.pressed() == []
+    assert window.take_pressed_keys() == []
     np.testing.assert_array_equal(views[-1], first)
     assert len({tuple(stood) for stood, _ in views}) == len(views) > 2
     screen.press(glfw.KEY_LEFT_BRACKET)

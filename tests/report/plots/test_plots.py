@@ -312,7 +312,7 @@ def test_a_limit_is_drawn_or_where_it_is_far_beyond_the_scale_said(signed):
         draw_limit(axes, limit, signed=signed)
         drawn = [line.get_ydata()[0] for line in axes.lines[1:]]
         assert drawn == (([82, -82] if signed else [82]) if is_near else [])
-        assert (axes.get_ylim()[1] > limit) is is_near
+        assert bool(axes.get_ylim()[1] > limit) is is_near
         texts = [text.get_text() for text in axes.texts]
         assert texts == ([] if is_near else [f"limit {'± ' if signed else ''}82 µm, beyond this scale"])
 

@@ -124,7 +124,7 @@ def unknown_name(name: str, scope: RoutineFrame) -> SoftMCError:
 _MOST_COORDINATES = 10
 
 
-def _both(sign: str, first: Evaluate, second: Evaluate) -> Evaluate:
+def _conjunction(sign: str, first: Evaluate, second: Evaluate) -> Evaluate:
     """AND, which does not evaluate its second operand where the first is false."""
     return lambda scope: float(truth(first(scope)) and truth(second(scope)))
 
@@ -147,7 +147,7 @@ OPERATORS = Operators(
     between={
         "OR": RankedOperator(1, _either),
         "XOR": RankedOperator(1, _one_of_two),
-        "AND": RankedOperator(2, _both),
+        "AND": RankedOperator(2, _conjunction),
         **{sign: RankedOperator(4, of_sign_and_values(compare)) for sign in COMPARISONS},
         "+": RankedOperator(5, of_sign_and_values(operate)),
         "-": RankedOperator(5, of_sign_and_values(operate)),

@@ -245,4 +245,4 @@ def _run_all(tree: Node, execution: Execution) -> None:
             parts.append((execution.shared, code_of([item])))
     for variables, code in parts:
         execution.run(code, variables)
-    execution.time.rest(execution.clock.line)
+    execution.time.fill_rest(execution.clock.line)

@@ -110,7 +110,7 @@ class Timeline:
         if self._paths and (not self.settled or self.settled[-1] != len(self.steps)):
             self.settled.append(len(self.steps))
 
-    def rest(self, line: int) -> None:
+    def fill_rest(self, line: int) -> None:
         """Fill the time since the last motion."""
         if self.clock > self.free:
             self.steps.append(Rest(self.clock - self.free, line))
@@ -145,7 +145,7 @@ class Timeline:
         # one motion may wait for its turn: the program goes on when the one before has begun
         if self._begins:
             self.clock = max(self.clock, self._begins[-1])
-        self.rest(line)
+        self.fill_rest(line)
         if settled:
             self.settle()
         self._begins.append(self.free)

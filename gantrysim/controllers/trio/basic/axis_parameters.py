@@ -37,7 +37,7 @@ def _remaining(state: State, axis: Axis) -> float:
 
 def _end_of_move(state: State, axis: Axis) -> float:
     move = axis.member
-    if move is None or not move.profiled or not math.isfinite(move.shape.length):
+    if move is None or not move.has_profile or not math.isfinite(move.shape.length):
         return axis.position - axis.zero
     k = move.axes.index(axis.number)
     return move.start[k] + move.shape.displacement(move.shape.length)[k] - axis.zero

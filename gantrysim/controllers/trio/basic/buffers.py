@@ -85,7 +85,7 @@ class Buffers:
         if axis.superimposed is not None and not self._rests(self.axes[axis.superimposed]):
             return False
         move = axis.member
-        if move is None or move.profiled:
+        if move is None or move.has_profile:
             return axis.idle
         return self._rests(self.axis(move.driver or 0))
 
@@ -135,7 +135,7 @@ class Buffers:
             axis.queue.clear()
         if mode in (0, 2) and axis.member is not None:
             base = self.axis(axis.member.axes[0])
-            if axis.member.profiled and base.along.value > 0 and math.isfinite(base.deceleration):
+            if axis.member.has_profile and base.along.value > 0 and math.isfinite(base.deceleration):
                 axis.member.stopping = True
             else:
                 self._end(base)
@@ -155,7 +155,7 @@ class Buffers:
         for axis in self.axes.values():
             axis.queue.clear()
         for axis in self.axes.values():
-            if axis.move is not None and axis.move.profiled:
+            if axis.move is not None and axis.move.has_profile:
                 self.cancel(axis.number, 0)
 
     def _free(self, move: Move) -> bool:
@@ -210,10 +210,10 @@ class Buffers:
         base.move = None
         base.along = Speed()
 
-    def _begins(self, base: Axis) -> bool:
+    def _can_begin(self, base: Axis) -> bool:
         """Whether the next move of an axis can begin."""
         return base.move is None and bool(base.queue) and self._free(base.queue[0])
 
     def _load_next(self, base: Axis) -> None:
-        if base.queue and self._begins(base):
+        if base.queue and self._can_begin(base):
             self._load(base, base.queue.pop(0))

@@ -146,7 +146,7 @@ class _Run:
                     f"line {lines[-1]}: waits for {_LONGEST_WAIT:g} s while nothing moves: what it waits for must come "
                     "about"
                 )
-            ahead = self._undisturbed(most if state.stopped else min(most, last)) if is_settled else 1
+            ahead = self._free_periods(most if state.stopped else min(most, last)) if is_settled else 1
             passed = motion.glide(ahead, self._recorded)
             state.tick += len(passed)
             if len(passed) < ahead:
@@ -172,7 +172,7 @@ class _Run:
         state.stop(None)
         state.motion.wind_down()
 
-    def _undisturbed(self, most: float) -> int:
+    def _free_periods(self, most: float) -> int:
         """Servo periods, up to the tick `most`, until a process can act without the end of a move; at least 1."""
         state = self._state
         ahead: float = min(most - state.tick, _LONGEST)

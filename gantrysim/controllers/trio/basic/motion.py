@@ -187,7 +187,7 @@ class Motion(Buffers):
         is_superimposed = False
         for axis in axes:
             is_superimposed |= axis.superimposed is not None
-            if axis.move is not None and axis.move.profiled:
+            if axis.move is not None and axis.move.has_profile:
                 self._advance(axis, axis.move, steps)
             elif axis.move is not None:
                 linked[axis.number] = axis.move
@@ -262,9 +262,9 @@ class Motion(Buffers):
 
     def _steady(self, axis: Axis) -> bool:
         """Whether no move begins on an axis in the next period, and the one that moves it has a profile."""
-        if self._begins(axis) or self._is_off(axis) or axis.superimposed is not None:
+        if self._can_begin(axis) or self._is_off(axis) or axis.superimposed is not None:
             return False
-        return axis.member is None or (axis.member.profiled and not axis.member.stopping)
+        return axis.member is None or (axis.member.has_profile and not axis.member.stopping)
 
     def _is_off(self, axis: Axis) -> bool:
         """Whether the axis has a drive, and that is not enabled."""
@@ -407,7 +407,7 @@ def _add_steps(column: Floats, before: float, place: float) -> tuple[float, floa
 
 
 def _merge(move: Move, follows: Move) -> bool:
-    return follows.profiled and follows.axes == move.axes and move.shape.brakes and follows.shape.brakes
+    return follows.has_profile and follows.axes == move.axes and move.shape.brakes and follows.shape.brakes
 
 
 def _plus(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:

@@ -288,7 +288,7 @@ class Move:
     corners: CornerRules = FULL_SPEED
 
     @property
-    def profiled(self) -> bool:
+    def has_profile(self) -> bool:
         """Whether SPEED, ACCEL and DECEL of its axis apply."""
         return self.driver is None
 

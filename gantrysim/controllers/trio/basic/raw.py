@@ -115,7 +115,7 @@ class Source:
     numbers: dict[float, Expression] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
 
-    def corrected(self, word: str, line: int) -> str:
+    def corrected_word(self, word: str, line: int) -> str:
         """Return the word of the language that a published misprint stands for, with a remark; others as they are."""
         meant = MISPRINTS.get(word)
         if meant is None:

@@ -323,7 +323,7 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         axis = place if isinstance(place, Expression) else None
         process = None if place is None or axis is not None else place[0]
         number = None if bit is None else int(bit[1:])
-        word = self.source.corrected(name.upper(), self.line_of(name))
+        word = self.source.corrected_word(name.upper(), self.line_of(name))
         return Reference(word, arguments, axis, self.line_of(name), str(name), process, number)
 
     def arguments(self, children: list[Any]) -> tuple[Expression, ...]:
