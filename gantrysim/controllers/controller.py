@@ -60,6 +60,11 @@ class Controller(ABC):
         """The requested path in the work frame."""
 
     @property
+    def corner_cut(self) -> float:
+        """Largest distance of the path from corners that are rounded without a tolerance; 0 without any [mm]."""
+        return 0.0
+
+    @property
     @abstractmethod
     def duration(self) -> float:
         """Duration of the motion [s]."""

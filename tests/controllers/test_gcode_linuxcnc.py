@@ -396,3 +396,20 @@ def test_a_program_ends_with_its_own_text_whatever_subprograms_follow(end):
     others = {"100": "O100\nG0 X9\nM99", "dot": "o<dot> sub\nG0 X8\no<dot> endsub"}
     assert ends(f"G0 X1\nG0 X2\n{end}", subprograms=others) == [[1, 0, 0], [2, 0, 0]]
     assert ends(f"G0 X1\nM98 P100\n{end}", subprograms=others) == [[1, 0, 0], [9, 0, 0]]
+
+
+@pytest.mark.parametrize("before", ["", "G64\n", "G64 P0\n"])
+def test_a_tolerance_of_corners_does_what_p_of_g64_does(before):
+    lines = "G1 F1200 X10\nX20 Y0.01\nX30 Y10\nG2 X40 Y20 I10\nG1 Y40\n"
+    written = Program(text=f"G64 P0.03\n{lines}")
+    given = Program(text=before + lines, corner_tolerance=0.03)
+    assert np.array_equal(given.setpoints(1e-3).position, written.setpoints(1e-3).position)
+    assert Program(text=before + lines).duration < given.duration
+    own = Program(text=f"G64 P0.1\n{lines}")
+    assert Program(text=own.text, corner_tolerance=0.03).duration == own.duration
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -0.1])
+def test_a_tolerance_of_corners_is_greater_than_zero(tolerance):
+    with pytest.raises(InputError, match=r"corner_tolerance = .*: must be greater than 0"):
+        Program(text="G1 F600 X1", corner_tolerance=tolerance)

@@ -142,7 +142,7 @@ DOES_NOT_APPLY = {
     "acceleration": (in_text, "text sets the accelerations"),
     "loop period": (rubbing, "without a loop"),
     "exact waits": (exact_spiral, "exact"),
-    "corner rounding": (rubbing, "no key of the controller"),
+    "corner rounding": (rubbing, "the program does not round corners"),
     "lift": (lambda: lines_job(ACROSS), "no axis z"),
     "needle height": (dry, "lays no bead"),
     "faster valve": (ideal_valve, "at once"),
@@ -431,3 +431,26 @@ def test_what_binds_a_driven_dispenser_is_the_pressure_of_its_glue():
     assert bound_of(lagging(), outcome(lagging()), "glue").startswith("the dispenser, which lags by ")
     fed = extruded()
     assert bound_of(fed, outcome(fed), "glue").startswith("the dispenser, whose motor")
+
+
+def test_corners_rounded_as_far_as_lines_reach_get_a_tolerance():
+    job = lines_job("M62\nG1 F1200 X30\nG1 X30 Y20\nM63\nG0 X0 Y0", tolerance={"path_max": 0.1})
+    state = State(job, outcome)
+    (path,) = (row for row in state.outcome.verdict.rows if row.name == "path")
+    assert path.checks[0].usage > 1
+    tolerances = {}
+    for setting in BY_NAME["corner rounding"].settings(state):
+        (key,) = setting.changes
+        assert key == "program.corner_tolerance"
+        tolerances[setting.label] = setting.changes[key]
+        rounded = job.changed(setting.changes)
+        # the command leaves the corner by no more than what G64 P admits
+        assert rounded.controller.corner_cut == 0
+        distance = np.linalg.norm(rounded.setpoints.position[:, :2] - [30.0, 0.0], axis=1).min()
+        # at the nearest of ticks that are at most 0.02 mm apart, at 20 mm/s
+        assert 0 < distance <= math.hypot(setting.changes[key], 0.01)
+    assert tolerances == {
+        "within 0.08 mm by G64 P": 0.08,
+        "within 0.05 mm by G64 P": 0.05,
+        "within 0.025 mm by G64 P": 0.025,
+    }

@@ -418,7 +418,7 @@ class GCode(Controller):
         if corners.cut > _CUT:
             notes.append(
                 f"G64 without P cuts corners by up to {corners.cut:.3g} mm; "
-                f"G64 P{_CUT:g} keeps within {_CUT:g} mm of them."
+                f"G64 P{_CUT:g}, or program.corner_tolerance = {_CUT:g}, keeps within {_CUT:g} mm of them."
             )
         lost = self.program.lost_relative
         if lost:
@@ -443,6 +443,10 @@ class GCode(Controller):
             f"Feeds above the machine's speed ({speeds} mm/s) are run at it: the program takes {self.duration:.4g} s, "
             f"{longer:.3g} s longer than at its feeds (axis_speeds)."
         )
+
+    @property
+    def corner_cut(self) -> float:
+        return self.plan.corners.cut
 
     @property
     @abstractmethod

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from gantrysim.base.errors import InputError, finite
+from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.controllers.gcode.dialects import LINUXCNC, GCodeDialect
 from gantrysim.controllers.gcode.gcode_program import GCode, Library
 from gantrysim.controllers.gcode.interpret import Interpreted
@@ -111,6 +111,8 @@ class Program(GCode):
             none.
         axis_speeds: speed limits of x, y and z in all moves; if a job gives none and the program exceeds the machine's,
             the machine's apply [mm/s].
+        corner_tolerance: P of G64 where the program begins, which a machine's startup code may state, and where it has
+            G64 without P; inf, as in LinuxCNC, rounds corners as far as the lines reach [mm].
 
     Raises:
         InputError: a line that is refused, or a parameter out of bounds.
@@ -118,14 +120,18 @@ class Program(GCode):
 
     dialect: ClassVar[GCodeDialect] = LINUXCNC
     suffixes: ClassVar[tuple[str, ...]] = (".ngc", ".nc", ".tap")
+    corner_argument: ClassVar[str | None] = "corner_tolerance"
 
     subprograms: dict[str, str] = field(default_factory=dict)
     tool_lengths: dict[str, float] = field(default_factory=dict)
     tool_diameters: dict[str, float] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
+    corner_tolerance: float = math.inf
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.corner_tolerance != math.inf:
+            positive("corner_tolerance", self.corner_tolerance, "mm")
         for name in ("tool_lengths", "tool_diameters"):
             for number, size in getattr(self, name).items():
                 if not number.isdigit():
@@ -149,8 +155,7 @@ class Program(GCode):
 
     @property
     def path_mode(self) -> float:
-        # a program begins in G64 without P
-        return math.inf
+        return self.corner_tolerance
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -187,6 +187,11 @@ class Modes:
     feed: float = 0.0
     spindle: float = 0.0
 
+    def blend(self, tolerance: float) -> None:
+        """Round corners within a tolerance and merge lines within it; inf rounds as far as the lines reach [mm]."""
+        self.path = tolerance
+        self.naive = 0.0 if math.isinf(tolerance) else tolerance
+
 
 @dataclass
 class WordBlock:
@@ -297,6 +302,9 @@ class ProgramState:
         self.frames = CoordinateSystems(list(moves.start), tools=setup.tools)
         self.frames.stored = {"G28": list(moves.start), "G30": list(moves.start)}
         self.modes = Modes(path=setup.path_mode)
+        # printers merge no lines
+        if not setup.dialect.extrudes:
+            self.modes.blend(setup.path_mode)
         self.motion = "G1" if setup.dialect.extrudes else "G0"
         self.outputs = Outputs(setup.dispense)
         self.flow_value = 0.0

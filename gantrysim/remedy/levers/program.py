@@ -10,6 +10,7 @@ from gantrysim.results.verdict import GLUE, MACHINE, PATH
 
 _RAMPS = (0.25, 0.5, 2.0, 4.0)
 _CORNERS = (0.25, 0.5, 2.0)
+_ROUNDED = (0.8, 0.5, 0.25)  # tolerances of corners that have none, relative to the largest contour error accepted
 
 
 def _is_limited(value: object) -> bool:
@@ -41,6 +42,11 @@ def _corners(state: State) -> list[Setting] | str:
     if name is None:
         return "no key of the controller rounds corners"
     value = value_of(controller.arguments(), name)
+    verdict = state.outcome.verdict
+    if value == math.inf and controller.corner_cut > 0 and verdict is not None:
+        limits = [1e-3 * check.limit for check in verdict[PATH].checks if check.name == "path_max"]
+        distances = [float(f"{share * limit:.2g}") for limit in limits for share in _ROUNDED]
+        return [Setting(f"within {distance:g} mm by G64 P", {f"program.{name}": distance}) for distance in distances]
     if not _is_limited(value):
         return "the program does not round corners"
     return [Setting(factor_text(factor), {f"program.{name}": scaled_numbers(value, factor)}) for factor in _CORNERS]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, setting, without_effect
 from gantrysim.controllers.gcode.coordinate_systems import INCH
@@ -109,9 +107,10 @@ def g64(state: ProgramState, block: WordBlock) -> None:
     tolerance = block.values.pop("P", None)
     naive = block.values.pop("Q", None)
     block.drop("R")
-    # P0 is no tolerance, as without P: the corners are rounded as far as the lines reach
-    state.modes.path = tolerance * unit if tolerance else math.inf
-    state.modes.naive = (naive if naive is not None else tolerance or 0.0) * unit
+    # P0 is no tolerance, as without P
+    state.modes.blend(tolerance * unit if tolerance else state.setup.path_mode)
+    if naive is not None:
+        state.modes.naive = naive * unit
     if min(state.modes.path, state.modes.naive) < 0:
         raise InputError("G64: P and Q must be at least 0")
 
