@@ -118,7 +118,7 @@ def window(display, monkeypatch):
             self.scene = scene
             seen.append(("opened", scene, camera))
 
-        def pressed(self):
+        def take_pressed_keys(self):
             states = [entry[1] for entry in seen if entry[0] == "shown"]
             if states[-1:] == ["ended"] or len(states) > 2000:
                 raise WindowClosedError

@@ -95,7 +95,7 @@ def test_a_run_away_axis_trips_on_the_first_limit_it_meets(rigid, limits, kind):
         (
             {"following_error_limit": 0.5},
             lambda tick: [0.9, 0.0],
-            r"^following error on axis th .*: -\d\.\d+ deg, limit 0.5 deg$",
+            r"^following error on axis th .*: −\d\.\d+ deg, limit 0.5 deg$",
         ),
         (
             {"following_error_limit": 1e6},
@@ -237,5 +237,5 @@ def test_a_run_that_ends_in_nan_keeps_the_ticks_before(rigid):
 def test_a_fault_of_an_absurd_torque_is_in_newton_metres():
     assert (
         str(Fault("diverged", "x", 0.002, -5e9, 1e9, "N·m"))
-        == "diverged on axis x at t = 0.0020 s: -5e+09 N·m, limit 1e+09 N·m"
+        == "diverged on axis x at t = 0.0020 s: −5e+09 N·m, limit 1e+09 N·m"
     )

@@ -183,7 +183,6 @@ def test_a_program_above_the_memory_is_refused_before_anything_is_allocated(monk
         "program.speed=0.1": r"s in periods of 0.001 s: makes .* ticks, which need about .* GB of memory, where 0.1 GB",
         "servo.period=1e-6": r"s in periods of 1e-06 s: makes",
         "simulation.settle=20000": r"20000 s in periods of 0.001 s: makes 2e\+07 ticks",
-        "dispenser.start_lead=1000": r"1000 s in periods of 0.001 s: makes 1e\+06 ticks",
     }.items():
         job = Job.load("an225", [setting])
         with pytest.raises(InputError, match=said):

@@ -379,7 +379,7 @@ def test_a_servo_tool_s_log_of_speed_and_share_of_the_rated_torque(tmp_path):
     assert log.period == pytest.approx(1e-3)
     assert np.allclose(log.torque[:, 0], 0.3175)
     assert np.allclose(log.position[:, 0], 20 * math.pi * PITCH * 1e-3 * np.arange(N))
-    with pytest.raises(InputError, match=r"column Torque is in '0\.1%': must be in N·m"):
+    with pytest.raises(InputError, match=r"column Torque is in '0\.1%': must say of what, as in '0\.1% of 1\.27 N·m'"):
         read_log(file, MACHINE, {"x velocity": "Motor speed", "x torque": "Torque"})
 
 

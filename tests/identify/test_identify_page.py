@@ -77,7 +77,7 @@ def identification(fit, *findings):
 
 
 def test_the_course_of_a_log_is_that_of_its_equation():
-    """The low-pass of 4 ms takes (2 pi · 1 Hz · 4 ms)² / 2 = 0.03 % of the swing."""
+    """The low-pass of 6 ms takes (2 pi · 1 Hz · 6 ms)² / 2 = 0.07 % of the swing."""
     course = Course.of(fit_of(), LOG)
     known = np.isfinite(course.friction)
     assert known.mean() > 0.8
@@ -87,7 +87,7 @@ def test_the_course_of_a_log_is_that_of_its_equation():
     assert course.friction[known] == pytest.approx(expected[known], rel=0.01)
     slides = np.isfinite(course.modelled)
     assert slides.mean() > 0.9
-    assert course.modelled[slides] == pytest.approx(course.torque[slides], abs=0.01 * np.abs(TORQUE).max())
+    assert course.modelled[slides] == pytest.approx(course.torque[slides], abs=0.012 * np.abs(TORQUE).max())
     # the predicted position is that of which the innovation is the error
     assert course.predicted + fit_of().innovations == pytest.approx(POSITION)
     assert np.isnan(course.residual[:100]).all()

@@ -43,7 +43,7 @@ REFUSED = {
 
 # not identified after the fit: the first reason
 DOUBTED = {
-    "torque late by two samples (delay below zero)": r"delay = -2\.01 ms: must be at least 0; the motion is ahead",
+    "torque late by two samples (delay below zero)": r"delay = -2(\.\d+)? ms: must be at least 0; the motion is ahead",
     "torque clipped at a third": r"the torque is at its largest, ± 0\.265 N·m, in 35 % of the samples: must be in",
     "position smoothed over 9 samples": r"from 250 to 450 Hz the position has 16 % of the motion .* it is filtered or",
     "counts lost": r"leaves its prediction at once by up to 0\.053 mm, 53 counts, 12 times, .* encoder loses counts",

@@ -287,7 +287,9 @@ def test_causes_print_as_a_table(found):
     for name, effect in effects.items():
         errors = [effect.without[link].rms for link in LINKS]
         shown = [effect.without["contour"].rms, effect.without["contour"].max, effect.worth["contour"].rms, *errors]
-        assert [float(cell) for cell in cells[name]] == pytest.approx([1e3 * value for value in shown], abs=0.0501)
+        assert [float(cell.replace("−", "-")) for cell in cells[name]] == pytest.approx(
+            [1e3 * value for value in shown], abs=0.0501
+        )
     assert causes.heads == (*HEADS, *LINKS)
 
 

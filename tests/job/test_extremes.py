@@ -58,8 +58,8 @@ def test_a_fast_rotary_axis_raises_no_warning():
 def test_a_bound_bites_where_it_says_and_not_before():
     assert attempt("an225", loaded("an225"), "program.interpreter_time", "1e-100") is True
     assert attempt("an225", loaded("an225"), "program.interpreter_time", "9e-101") is False
-    assert attempt("an225", loaded("an225"), "dispenser.opening", "1000") is True
-    assert attempt("an225", loaded("an225"), "dispenser.opening", "1000.1") is False
+    assert attempt("an225", loaded("an225"), "dispenser.opening", "4") is True
+    assert attempt("an225", loaded("an225"), "dispenser.opening", "4.1") is False
 
 
 @pytest.mark.soak

@@ -219,7 +219,7 @@ def test_the_command_shows_and_writes_what_happened_and_what_it_cost(gantrysim_c
     assert losses["missing_volume_mm3"] == pytest.approx(volume)
     assert losses["missing_length_mm"] > 30
     assert losses["nozzle_displaced_um"] > 100
-    page = (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text().replace("\xa0", " ")
     for words in ("Deliberate faults", "clogged nozzle at t = 0.5000 s: 25 % of the flow for 0.2 s", "missing bead"):
         assert words in page
     assert summary["fault"]["kind"] == "following error"

@@ -133,7 +133,7 @@ def test_what_forbids_it_is_named():
 
 def test_the_dispenser_is_named_where_it_forbids():
     result = improve(lagging(), levers=["leads"])
-    assert "What forbids it is the dispenser, which lags by 5 ms dead time, 20 ms opening" in result.sentence
+    assert "what forbids it is the dispenser, which lags by 5 ms dead time, 20 ms opening" in result.sentence
 
 
 def test_levers_of_rows_that_pass_are_not_tried():
@@ -409,7 +409,7 @@ def test_the_section_of_a_report():
         (2.4, (4.0, 5.0), "another bead: 2.4 mm² instead of 2 mm²"),
         (2.0, (4.0,), "1 dots instead of 2"),
         (2.0, (4.0, 6.0), "another volume of dots, +20.0 %"),
-        (2.0, (3.0, 5.5), "another volume of dots, -25.0 %"),
+        (2.0, (3.0, 5.5), "another volume of dots, −25.0 %"),
     ],
 )
 def test_another_part_is_told_by_its_section_and_its_dots(nominal, dots, text):

@@ -66,6 +66,7 @@ def test_the_applied_job_keeps_the_promise(name, tmp_path):
 
 
 FANUC = "O1\nG21 G17 G90 G94\nG0 X0 Y0\nG1 X40 F3000\nG1 Y30\nG3 X30 Y40 R10\nG1 X0\nM30\n"
+JUMPING = "program.acceleration=inf"  # which no drive can follow
 SLOW_VALVE = "dispenser.opening=0.08"  # with which the glue of the parts fails
 # file name and text, or a name alone; options of the command; and the levers to try
 GIVEN = {
@@ -78,8 +79,8 @@ GIVEN = {
         ["acceleration", "needle height"],
     ),
     "a needle's height": ("seal.ngc", None, {"options": [SLOW_VALVE, "bead.gap=0.7"]}, ["needle height", "slower"]),
-    "a controller": ("part.txt", FANUC, {"controller": "fanuc"}, ["acceleration", "slower"]),
-    "a text with speeds": ("part.nc", FANUC, {"options": ["machine=xyz"]}, ["slower"]),
+    "a controller": ("part.txt", FANUC, {"options": [JUMPING], "controller": "fanuc"}, ["acceleration", "slower"]),
+    "a text with speeds": ("part.nc", FANUC, {"options": ["machine=xyz", JUMPING]}, ["slower"]),
     "glue": ("zigzag.ngc", None, {"options": [SLOW_VALVE, "dispenser.flow=20"]}, ["flow by speed", "slower"]),
 }
 
@@ -111,7 +112,8 @@ def test_a_job_file_that_names_a_program_keeps_the_promise(tmp_path):
     (tmp_path / "part.nc").write_text(FANUC)
     job = tmp_path / "mine.toml"
     job.write_text(
-        'name = "mine"\nmachine = "xyz"\n[program]\nfile = "part.nc"\n[dispenser]\narea = 1.0\nopening = 0.02\n'
+        'name = "mine"\nmachine = "xyz"\n[program]\nfile = "part.nc"\nacceleration = inf\n'
+        "[dispenser]\narea = 1.0\nopening = 0.02\n"
     )
     result = improve(Job.load(job), levers=["slower", "lag compensation"], fastest=False)
     assert result.changes_anything

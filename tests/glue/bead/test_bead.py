@@ -574,9 +574,9 @@ def test_the_console_shows_the_volumes_of_a_tiny_bead():
     """Of 1e-3 mm² along 100 mm, of whose start 1 mm is missing."""
     dispenser = Dispenser(flow=1e-3 * SPEED, dead_time=0.01)
     text = printed(laid(XY, line(), dispenser, cell=0.01, gap=0.05))
-    assert re.search(r"volume +0.099 mm³ +-1.00 % of 0.1 requested", text)
+    assert re.search(r"volume +0.099 mm³ +−1.00 % of 0.1 requested", text)
     assert re.search(r"missing at start +1.00 mm +length of nominal bead", text)
-    assert re.search(r"volume error +-0.00100\d* mm³ +ramps 0, starts -0.00100\d*, running 0, stops 0", text)
+    assert re.search(r"volume error +−0.00100\d* mm³ +ramps 0, starts −0.00100\d*, running 0, stops 0", text)
     assert "late" not in text
 
 

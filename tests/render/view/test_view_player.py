@@ -33,7 +33,7 @@ class Paper:
         self.coming, self.forces = dict(keys), dict(pushes)
         self.shown, self.posed, self.charts = [], 0, []
 
-    def pressed(self):
+    def take_pressed_keys(self):
         if len(self.shown) == self.left:
             raise WindowClosedError
         return self.coming.get(len(self.shown), [])
