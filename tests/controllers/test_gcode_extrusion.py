@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -289,6 +289,8 @@ def test_the_amounts_of_e_are_those_of_the_lines(text, told):
 
 
 @settings(max_examples=25)
+@example([(0.0625, 0.03125, 3613.0)], 1e-3, True)
+@example([(0.25, 0.0, 1200.0)], 2.5e-4, True)
 @given(
     st.lists(st.tuples(st.floats(0.002, 0.3), st.floats(0.0, 0.3), st.floats(1200.0, 12000.0)), min_size=1, max_size=8),
     st.sampled_from([2.5e-4, 1e-3, 1.3e-3]),

@@ -41,11 +41,13 @@ class Sampled(NamedTuple):
     Attributes:
         ticks: ascending, (k,).
         position: there, (k,) [mm].
-        dots: first tick of each feed at rest that lays material, and the first after it, (d, 2).
+        rests: first tick of each feed at rest that lays material, and the first after it, by their times, (d, 2).
+        dots: the same as it is sampled, (d, 2).
     """
 
     ticks: NDArray[np.intp]
     position: Floats
+    rests: NDArray[np.intp]
     dots: NDArray[np.intp]
 
     def apply(self, material: dict[str, Floats], dispense: NDArray[np.bool_], first: int) -> None:
@@ -59,8 +61,9 @@ class Sampled(NamedTuple):
         change = self.position[here] - material["extrusion"][ticks]
         for position in material.values():
             position[ticks] += change
-        for begin, end in self.dots[(self.dots[:, 0] < after) & (self.dots[:, 1] > first)].tolist():
-            dispense[max(begin - first, 0) : end - first] = True
+        for bounds, is_on in ((self.rests, False), (self.dots, True)):
+            for begin, end in bounds[(bounds[:, 0] < after) & (bounds[:, 1] > first)].tolist():
+                dispense[max(begin - first, 0) : end - first] = is_on
 
 
 @dataclass(frozen=True)
@@ -130,13 +133,15 @@ class Extrusion:
         """
         nodes = self._nodes
         rank = np.arange(nodes.size)
-        ticks = np.ceil(self.time[nodes] / period - _ROUNDING).astype(np.intp)
-        ticks = np.maximum.accumulate(ticks - rank) + rank
+        reached = np.ceil(self.time[nodes] / period - _ROUNDING).astype(np.intp)
+        ticks = np.maximum.accumulate(reached - rank) + rank
         ticks = np.minimum(ticks, count - 1 - ticks.size + rank)
         begins = np.flatnonzero(self.lays[nodes])
-        dots = np.stack([ticks[begins], ticks[begins + 1]], axis=1)
+        rests, dots = (np.stack([places[begins], places[begins + 1]], axis=1) for places in (reached, ticks))
+        # the last tick is still in a feed at rest that ends there
+        rests[:, 1] += rests[:, 1] == count - 1
         is_within = ticks > 0
-        return Sampled(ticks[is_within], self.begin[nodes[is_within]], dots)
+        return Sampled(ticks[is_within], self.begin[nodes[is_within]], rests, dots)
 
     def _locate(self, t: Floats) -> NDArray[np.intp]:
         return np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, self.begin.size - 1)
