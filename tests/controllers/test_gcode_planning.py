@@ -137,7 +137,8 @@ def test_corners_cut_without_a_tolerance_are_noted():
     controller = program(lines([(50, 0), (50, 50)], "G64", 60 * v))
     cut = v**2 / (math.sqrt(0.75) * A) * (math.sqrt(2) - 1)  # of the radius that keeps the feed
     assert controller.plan.corners.cut == pytest.approx(cut)
-    note = f"G64 without P cuts corners by up to {cut:.3g} mm; G64 P0.05 keeps within 0.05 mm of them."
+    remedy = "G64 P0.05, or program.corner_tolerance = 0.05, keeps within 0.05 mm of them."
+    note = f"G64 without P cuts corners by up to {cut:.3g} mm; {remedy}"
     assert controller.notes == (note,)
     inside = controller.requested.project(np.pad(samples(controller), ((0, 0), (0, 1)))).distance.max()
     assert inside == pytest.approx(v**2 / (math.sqrt(0.75) * A) * (1 - math.sqrt(0.5)), rel=0.01)  # from the lines
