@@ -66,7 +66,8 @@ def motors() -> Iterator[str]:
     """Yield a row per motor of the library."""
     for name in motor_names():
         motor = motor_of(name)
-        speed, stall = motor.computed_ratings["no_load_speed"], motor.computed_ratings["stall_torque"]
+        speed = motor.computed_ratings["no_load_speed"]
+        stall = motor.computed_ratings["stall_torque"]
         yield (
             f"| `{name}` | {motor.kind} | {motor.voltage:g} | {motor.K:.3g} | {motor.resistance:g} | {speed:.0f} | "
             f"{stall:.3g} | {motor.continuous:.3g} | {motor.K * motor.current:.3g} | {1e6 * motor.rotor_inertia:.3g} |"

@@ -15,18 +15,8 @@ from gantrysim.live.store import is_trace
 from gantrysim.live.studio import Studio
 from gantrysim.tables.reading import read_table
 
-JOB = """name = "short"
-[program]
-controller = "trio.MoveSpiral"
-diameter = 30.0
-turns = 1
-thickness = 5.0
-speed = 100.0
-loop_period = 0.02
-acceleration = 2000.0
-[dispenser]
-flow = 200.0
-"""
+from support.live_jobs import JOB
+
 NO_DIFFERENCE = re.compile(r"difference 0[;.]")
 ROWS = "\n".join(f"{0.1 * k:.1f},{k},{2 * k}" for k in range(20))
 

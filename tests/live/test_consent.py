@@ -15,6 +15,8 @@ from gantrysim.live.studio import Studio
 from gantrysim.live.workbench import Workbench
 from gantrysim.live.worker import Message
 
+from support import live_jobs
+
 PATIENCE = 120.0  # [s]
 LAW = """from pathlib import Path
 Path(__file__).with_name("it-ran").touch()
@@ -25,14 +27,7 @@ def law(tick, state, torque):
         state[a] = tick.error[a]
         torque[a] = tick.gains[a, 0] * tick.error[a] + tick.gains[a, 2] * change
 """
-JOB = """name = "own"
-[program]
-controller = "trio.MoveSpiral"
-diameter = 30.0
-turns = 1
-thickness = 5.0
-speed = 100.0
-[servo]
+JOB = f"""{live_jobs.JOB}[servo]
 law = "own.py:law"
 """
 

@@ -223,7 +223,8 @@ def test_the_mean_diameter_of_dots_is_that_over_all_of_them():
     """Diameters go with the cube root of the volume: two of 2 mm³ and one of 4."""
     job = dots_job()
     dots = results_of(job, followed(job)).dots
-    small, large = dots[0].dot.diameter, dots[1].dot.diameter
+    small = dots[0].dot.diameter
+    large = dots[1].dot.diameter
     assert large == pytest.approx(2 ** (1 / 3) * small)
     _, (name, mean, remark) = dot_rows(dots)
     assert (name, mean) == ("dot diameter", f"{(2 * small + large) / 3:.3f} mm")

@@ -149,7 +149,8 @@ def test_at_constant_volume_the_pressure_has_a_closed_form():
     needle, syringe = Needle(0.1, 25.0, 1.0, 1.0), Syringe(fill=0.5)
     flow = pulse(syringe, needle, on=100)
     constant = syringe.air / syringe.rate  # V / (C p0)
-    b, supply = syringe.critical_ratio, PRESSURE + ATMOSPHERE
+    b = syringe.critical_ratio
+    supply = PRESSURE + ATMOSPHERE
     assert constant == pytest.approx((6.0 + 5.0) / 0.35 * 1e-3, rel=1e-12)
     start = math.asin((ATMOSPHERE / supply - b) / (1 - b))
     for tick in (3, 20, 99):
