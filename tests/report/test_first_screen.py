@@ -146,6 +146,15 @@ def test_plan_card_and_page_mark_the_worst_place_of_the_row_that_fails(results):
     assert ViewerData(results).content()["worst"] == np.abs(ViewerData(results).rows - tick).argmin()
 
 
+def test_the_legend_of_the_plan_is_within_its_picture(results):
+    longest = replace(results.verdict.placed_check, quantity="clearance of neighbouring turns too small by")
+    figure = plan_plot(results.budget.analysis, longest).figure()
+    figure.draw_without_rendering()
+    texts = figure.legends[0].get_window_extent()
+    assert figure.bbox.x0 <= texts.x0
+    assert texts.x1 <= figure.bbox.x1
+
+
 def test_the_film_has_the_bead_before_it_plays(page, results):
     poster = page.run("return document.querySelector('video').poster")
     picture = imageio.v3.imread(io.BytesIO(base64.b64decode(poster.partition(",")[2])))

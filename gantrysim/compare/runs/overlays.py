@@ -58,7 +58,7 @@ def draw_overlaid_plan(on: Figure | SubFigure | Axes, comparison: ComparedRuns) 
     axes.set_aspect("equal", adjustable="datalim")
     title = f"Plan view, errors × {factor}" if factor > 1 else "Plan view"
     axes.set(xlabel="x [mm]", ylabel="y [mm]", title=title)
-    add_legend(on, len(comparison.runs) + 1)
+    add_legend(on)
     return axes
 
 

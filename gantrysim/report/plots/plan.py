@@ -63,7 +63,7 @@ def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis, check: Check | 
     # a box that shrinks would leave the title out of the layout
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view, machine {run.machine}")
-    add_legend(on, 3)
+    add_legend(on)
     return axes
 
 

@@ -40,7 +40,7 @@ def draw_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     axes.set_xticks(range(0, 361, 45))
     axes.set_xlim(0, 360)
     axes.ticklabel_format(axis="y", useOffset=False)
-    add_legend(on, 2)
+    add_legend(on)
     return axes
 
 

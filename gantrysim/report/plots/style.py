@@ -92,12 +92,12 @@ def axes_on(on: Figure | SubFigure | Axes, **options: Any) -> Axes:
     return on.add_subplot(**options) if isinstance(on, FigureBase) else on
 
 
-def add_legend(on: Figure | SubFigure | Axes, columns: int) -> None:
-    """Add a legend below a figure's own plot, or inside of axes that were given."""
+def add_legend(on: Figure | SubFigure | Axes) -> None:
+    """Add a legend below a figure's own plot, line under line as its texts may be long, or inside of given axes."""
     from matplotlib.figure import FigureBase  # slow to import
 
     if isinstance(on, FigureBase):
-        on.legend(loc="outside lower center", ncols=columns)
+        on.legend(loc="outside lower center")
     else:
         on.legend(fontsize="small")
 
