@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 # Regular expressions that several readers of text share.
 
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"  # decimal
 
 
+_GAPS = re.compile(r"[\s_.]+")
 _OPENING = "[("
 _CLOSING = "])"
 
@@ -25,3 +28,8 @@ def name_and_unit(head: str) -> tuple[str, str]:
         return text, ""
     first = min(opening for opening in openings if opening >= 0)
     return text[:first].rstrip(), text[first + 1 : -1].strip()
+
+
+def spaced_name(name: str) -> str:
+    """Return a name with single blanks for its blanks, underscores and points, such as "x position"."""
+    return _GAPS.sub(" ", name.strip())

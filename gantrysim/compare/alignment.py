@@ -160,11 +160,11 @@ def _laid_link(trace: Trace, run: Run, link: str, what: tuple[str, ...]) -> list
     measured, simulated, _ = link_positions(trace, run, link)
     turning = link == "nozzle" and "rotation" in what
     laid = laid_on_run(trace.time, measured, (run.time, simulated), "offset" in what, "small" if turning else "")
-    if turning and laid and not _is_turned_little(laid[0].estimates["turn"]):
-        turned = laid_on_run(trace.time, measured, (run.time, simulated), "offset" in what, "any")
-        if turned and AS_WELL * turned[0].residual < laid[0].residual:
-            return turned
-    return laid
+    if not turning or (laid and _is_turned_little(laid[0].estimates["turn"])):
+        return laid
+    turned = laid_on_run(trace.time, measured, (run.time, simulated), "offset" in what, "any")
+    is_better = turned and (not laid or AS_WELL * turned[0].residual < laid[0].residual)
+    return turned if is_better else laid
 
 
 def _is_turned_little(turn: Estimate) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -11,10 +10,11 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, expanded_path, positive, unknown
+from gantrysim.base.heads import spaced_name
 from gantrysim.base.toml_files import read_toml
 from gantrysim.record.run import Run
 from gantrysim.tables.column_table import SAMPLES, ColumnTable, Source
-from gantrysim.tables.units import TORQUE
+from gantrysim.tables.units import SI, TORQUE
 
 # Which columns of a log are which quantities, as a user assigns them.
 
@@ -216,22 +216,26 @@ def _recognised_columns(log: ColumnTable, run: Run) -> tuple[dict[str, Source], 
     those of the quantities themselves.
     """
     names = {"time": ["time s", "time", "t"]}
+    # names of a machine's log, whose positions are in SI where no unit is given
+    of_log: dict[str, str] = {}
     for axis in "xyz":
         names[axis] = [f"nozzle {axis} mm", f"nozzle {axis}", axis]
     for axis, unit in zip(run.axes, run.units, strict=True):
-        for link, words in (("commanded", ("command", "commanded", "PCMD")), ("encoder", ("position", "PFB"))):
-            plain = (f"{link} {axis} {unit}", f"{link} {axis}", f"{words[-1]} {axis}")
-            names[f"{link}.{axis}"] = [*plain, *(f"{axis} {word}" for word in words[:-1])]
+        for link, record, words in (("commanded", "PCMD", ("command", "commanded")), ("encoder", "PFB", ("position",))):
+            logged = [f"{axis} {word}" for word in words]
+            names[f"{link}.{axis}"] = [f"{link} {axis} {unit}", f"{link} {axis}", f"{record} {axis}", *logged]
+            of_log |= dict.fromkeys(logged, SI[unit])
         for kind in _TORQUES:
             names[f"{kind}.{axis}"] = [f"{kind} {axis} Nm", f"{kind} {axis}", f"{axis} {kind}"]
     columns: dict[str, str] = {}
     for column in log.columns:
-        columns.setdefault(" ".join(re.split(r"[\s_.]+", column.strip())), column)
+        columns.setdefault(spaced_name(column), column)
     sources = {}
     for quantity, candidates in names.items():
         name = next((name for name in candidates if name in columns), None)
         if name is not None:
-            sources[quantity] = Source(columns[name])
+            column = columns[name]
+            sources[quantity] = Source(column, unit=log.unit_of(column) or of_log.get(name, ""))
     plain_axes = [axis for axis in "xyz" if axis in sources and sources[axis].column == axis]
     if not plain_axes:
         return sources, []

@@ -38,7 +38,7 @@ _GAIN = 0.05  # least share of the remaining torque's variance that a term expla
 _SIGNIFICANT_TERM = 16.0  # least squared coefficient over its variance, per coefficient
 _STRIBECK_SPEEDS = (0.45, 1.5, 4.5)  # that are tried, times the table's
 _LONGEST = 1 / 3  # period over the travel, of the log's travel: of a longer one nothing shows that it repeats
-_LONGEST_SEARCHED = 2.0  # the same, of the search
+_LONGEST_SEARCHED = 2.0  # period up to which the search looks for what a shorter wave would imitate, of the travel
 _SHORTEST = 1 / 80  # the same
 _HELD_OUT = 0.5  # least gain of a wave in parts that it was not fitted to, of its gain where it was
 _TIMES = 3  # parts of the time, of which one at a time is left out
@@ -158,7 +158,7 @@ def _periodic(regression: TorqueRegression, solution: Solution, kind: str) -> Te
     """Return the term of the period over the travel that explains most of the remaining torque.
 
     A sum over the samples, without the low-pass, finds the nearest periods; the regression tells them apart. Periods
-    that are too long to be told are searched too: where one explains most, a shorter one only imitates it.
+    that are too long to be seen to repeat are searched too: where one explains most, a shorter one only imitates it.
     """
     position = regression.motion.position[regression.slides]
     travel = float(np.ptp(position))

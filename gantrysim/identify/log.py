@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive, unknown
 from gantrysim.base.files import replaced_file
+from gantrysim.base.heads import spaced_name
 from gantrysim.identify.instants import instants_of
 from gantrysim.identify.sizes import times_words
 from gantrysim.machine.axis import Axis
@@ -22,7 +22,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.tables.column_table import SAMPLES, ColumnTable, Source
 from gantrysim.tables.reading import read_table
-from gantrysim.tables.units import ANGLE, COUNTS, KINDS, LENGTH, SPEED, TIME, TURNING
+from gantrysim.tables.units import ANGLE, COUNTS, KINDS, LENGTH, SI, SPEED, TIME, TURNING
 from gantrysim.tables.units import TORQUE as TORQUE_UNIT
 
 DEMAND = "demand"
@@ -30,7 +30,6 @@ TORQUE = "torque"
 POSITION = "position"
 VELOCITY = "velocity"
 _QUANTITIES = (POSITION, VELOCITY, DEMAND, TORQUE)
-_SI = {"mm": "m", "deg": "rad"}  # of a position without a unit, and of a velocity per second
 _SPEEDS = {"mm": SPEED, "deg": TURNING}
 
 
@@ -244,7 +243,7 @@ class _Reading:
         unit = source.unit or self.table.unit_of(source.column)
         if unit.removesuffix(per_time) in COUNTS and not axis.resolution:
             raise InputError(f"{self.table.label}: column {source.column} is in counts, but {axis.name} has no encoder")
-        return source._replace(unit=unit or _SI[axis.unit] + per_time)
+        return source._replace(unit=unit or SI[axis.unit] + per_time)
 
 
 def _motor_units(axis: Axis, kind: str) -> dict[str, float]:
@@ -326,7 +325,7 @@ def _sources(table: ColumnTable, machine: Machine, columns: Mapping[str, str]) -
         sources[name] = Source.parse(name, text)
     folded = {name.casefold(): name for name in known}
     for head, column in (*((name, name) for name in table.order), *table.aliases.items()):
-        name = exported.get(head) or " ".join(re.split(r"[\s_.]+", head.strip()))
+        name = exported.get(head) or spaced_name(head)
         unit = table.units.get(column, "")
         if unit:
             name = name.removesuffix(f" {unit}")

@@ -7,7 +7,6 @@ velocity, under the given servo, and both following errors are taken at the same
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.base.heads import spaced_name
 from gantrysim.base.progress import Progress
 from gantrysim.base.quantity import number_text
 from gantrysim.engine.simulate import simulate
@@ -134,7 +134,7 @@ def _further_columns(names: tuple[str, ...], machine: Machine) -> dict[str, str]
         words[f"{axis.name} {DISTURBANCE}"] = words[f"{axis.name} {DISTURBANCE} Nm"] = f"{axis.name} {DISTURBANCE}"
     columns: dict[str, str] = {}
     for column in names:
-        name = words.get(" ".join(re.split(r"[\s_.]+", column.strip())))
+        name = words.get(spaced_name(column))
         if name is not None:
             columns.setdefault(name, column)
     return columns

@@ -4,9 +4,10 @@
 
 The derivatives of a take up a delay of the torque and the load's spring, so that friction is found before either is
 known: they begin a series in the delay and one in the frequency over that of the spring, and the low-pass is wide
-enough for their rest. Without a''' half a sample of delay, at 2 ms, bends Coulomb friction by a quarter. Torque and all
-terms pass one zero-phase low-pass. Slow errors of the torque weigh here as much as fast ones, where the fit of
-one-step predictions sees the fast ones alone.
+enough for their rest. Without the last two, half a sample of delay at 2 ms, or a mode of 336 Hz, bent Coulomb
+friction of four in a hundred simulated axes by 11 to 32 %; with them by 5 % at most. Torque and all terms pass one
+zero-phase low-pass. Slow errors of the torque weigh here as much as fast ones, where the fit of one-step predictions
+sees the fast ones alone.
 """
 
 # ruff: noqa: N806 - matrices bear the letters of the equations
@@ -29,7 +30,7 @@ from gantrysim.identify.prediction import effective_torque
 WIDTH = 0.006  # standard deviation of the low-pass [s]
 _DERIVATIVES = ("inertia", "jerk", "snap", "crackle", "pop")  # a and its derivatives
 NAMES = (*_DERIVATIVES, "viscous", "coulomb", "offset")  # of the columns before those of the terms
-_CALM = 0.001  # the same of the speed that a Stribeck term sees [s]
+_CALM = 0.001  # standard deviation of the low-pass of the speed that a Stribeck term sees [s]
 _MEMORY = 0.1  # length of a block of samples whose errors may be correlated [s]
 _STEPS = 8  # of the torque's course in a sample
 _MOVING = 0.02  # share of the highest speed from which an axis slides

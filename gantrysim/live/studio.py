@@ -15,6 +15,7 @@ from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.engine.linear import Engine
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
+from gantrysim.job.loaded import needle_face
 from gantrysim.live.beside import Companion
 from gantrysim.live.consent import Code
 from gantrysim.live.controls import controls_of
@@ -142,7 +143,8 @@ class Studio:
         send("controls", {"controls": [control._asdict() for control in controls]})
         job.check_fit()
         go_on()
-        send("margins", {"row": _row(stability_row(job, job.margins, job.limits(_face(job))))})
+        limits = job.limits(needle_face(job.built_machine, job.dispenser.needle))
+        send("margins", {"row": _row(stability_row(job, job.margins, limits))})
         self._run(request, job, QUICK, send, go_on)
         self.arrived.clear()
         if self.newest == request.number and not self.arrived.wait(REST):
@@ -278,13 +280,6 @@ class Studio:
 def _results(job: Job, run: Any) -> RunResults:
     analysis = Analysis(run)
     return RunResults(job, job.built_machine, Budget(analysis), Bead(run, job.bead, analysis))
-
-
-def _face(job: Job) -> float:
-    """Return the outer diameter of the needle's face [mm]."""
-    needle = job.dispenser.needle
-    machine = job.built_machine.needle
-    return needle.face if needle is not None else machine[0] if machine is not None else 0.0
 
 
 def _row(row: Row) -> dict[str, Any]:

@@ -34,7 +34,7 @@ def digest_of(model: mujoco.MjModel) -> str:
     model's own name does not, nor do the paths of its files.
     """
     digest = hashlib.sha256()
-    for name, value in _settings_that_count(model):
+    for name, value in _digested_values(model):
         array = np.asarray(value)
         # such as of elements that the model has none of
         if not array.size:
@@ -44,7 +44,7 @@ def digest_of(model: mujoco.MjModel) -> str:
     return digest.hexdigest()
 
 
-def _settings_that_count(model: mujoco.MjModel) -> Iterator[tuple[str, object]]:
+def _digested_values(model: mujoco.MjModel) -> Iterator[tuple[str, object]]:
     """Yield the names and values of what counts."""
     for name in _arrays():
         yield name, getattr(model, name)

@@ -330,7 +330,7 @@ class Budget:
         A turn is a full rotation of the tangent. On a path that turns both ways, turns are counted on the stretch that
         turns furthest in one direction. A remainder below a hundredth of a turn belongs to the last turn.
         """
-        turned, (first, last) = self._turn_pairs()
+        turned, (first, last) = self._turns_one_way()
         turn = np.full(self.analysis.ticks.size, -1)
         if turned.size:
             # in place: a long run has room for few arrays
@@ -340,7 +340,7 @@ class Budget:
             turn[first:last] = np.clip(turned, 0, max(whole - 1, 0), out=turned)
         return turn
 
-    def _turn_pairs(self) -> tuple[Floats, tuple[int, int]]:
+    def _turns_one_way(self) -> tuple[Floats, tuple[int, int]]:
         return one_way(self.analysis.heading, np.maximum.accumulate(self.analysis.nozzle.s))
 
     @cached_property

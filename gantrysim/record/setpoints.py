@@ -215,11 +215,11 @@ class Setpoints(Shown):
 
     def hold(self, duration: float) -> Setpoints:
         """Return these setpoints with the last position held for `duration` [s], the dispenser off."""
-        return self._padded_positions(0, ticks(at_least("hold", duration, 0, "s"), self.period))
+        return self._padded(0, ticks(at_least("hold", duration, 0, "s"), self.period))
 
     def wait(self, duration: float) -> Setpoints:
         """Return these setpoints after a hold of the first position for `duration` [s], the dispenser off."""
-        return self._padded_positions(ticks(at_least("wait", duration, 0, "s"), self.period), 0)
+        return self._padded(ticks(at_least("wait", duration, 0, "s"), self.period), 0)
 
     def until(self, count: int) -> Setpoints:
         """Return the first `count` setpoints, without waits at gates."""
@@ -238,7 +238,7 @@ class Setpoints(Shown):
             **given,
         )
 
-    def _padded_positions(self, before: int, after: int) -> Setpoints:
+    def _padded(self, before: int, after: int) -> Setpoints:
         if not before and not after:
             return self
         total = len(self.position) + before + after

@@ -11,12 +11,11 @@ from typing import Any
 
 from gantrysim.base.errors import InputError, positive, short_text, unknown
 from gantrysim.base.quantity import MAX, P95, RMS, SHARE, STD, numbers_of
-from gantrysim.engine.recording import needle_values
 from gantrysim.glue.bead.values import VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.job.job import Job
+from gantrysim.job.loaded import needle_face
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.error_quantities import ERRORS, MOTION, SPACING, SPEED, SPEED_RIPPLE
-from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, UNJUDGED, WARN
 from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY
 from gantrysim.study.cases import ASPECTS, LIMIT_USE, OK, Row, check_column, state_column, use_column
@@ -172,7 +171,7 @@ def improve_command(job: Job) -> str:
 
 def path_limit(job: Job) -> float:
     """Return the largest contour error that the tolerance of a job admits [mm]."""
-    return job.limits(needle_values(job.built_machine, job.dispenser).get("face", Run.face)).path_max
+    return job.limits(needle_face(job.built_machine, job.dispenser.needle)).path_max
 
 
 def settings_text(changes: Mapping[str, Any]) -> str:

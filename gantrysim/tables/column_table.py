@@ -122,7 +122,13 @@ class ColumnTable:
         if name in self.texts:
             if kind == TIME:
                 return _instants(f"{self.label}: column {name}", self.texts[name]) * source.scale
-            wrong = next(filter(_is_word, self.texts[name]))
+            cells = [cell for cell in self.texts[name] if cell.lower() not in GAPS]
+            wrong = next(filter(_is_word, cells), None)
+            if wrong is None:
+                raise InputError(
+                    f"{self.label}: column {name} has {cells[0][:_SHOWN]!r}: must have the decimal sign of the other "
+                    "columns"
+                )
             raise InputError(f"{self.label}: column {name} has {wrong[:_SHOWN]!r}, which is not a number")
         unit = source.unit or self.units.get(name, kind)
         scale = factor(unit, kind, f"{self.label}: column {name}", further)
@@ -296,10 +302,11 @@ def _named_columns(table: TextTable, width: int) -> tuple[list[str], dict[int, s
 
 def _instants(label: str, cells: Sequence[str]) -> Floats:
     """Return instants that are written as dates or clock times, from the first of them [s]."""
+    cells = [cell.replace(",", ".") for cell in cells]
     try:
         instants = np.array([cell.replace(" ", "T", 1).rstrip("Z") for cell in cells], "datetime64[ns]")
     except ValueError:
-        clock = [_CLOCK.fullmatch(cell.replace(",", ".")) for cell in cells]
+        clock = [_CLOCK.fullmatch(cell) for cell in cells]
         if not all(clock):
             raise InputError(f"{label} has {cells[0][:_SHOWN]!r}: must be numbers, dates or hh:mm:ss") from None
         seconds = np.array(

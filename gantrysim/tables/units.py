@@ -62,9 +62,15 @@ KINDS: dict[str, dict[str, float]] = {
     NUMBER_OF: {"": 1.0, "-": 1.0, "1": 1.0},
 }  # fmt: skip
 
-_SHARES = {"‰": 1e-3, "per mille": 1e-3, "0.1%": 1e-3, "0.1 %": 1e-3, "%": 1e-2, "per cent": 1e-2, "percent": 1e-2}
+# of positions in a machine's log that gives none, by the package's unit
+SI = {"mm": "m", "deg": "rad"}
+
+_SHARES = {
+    "‰": 1e-3, "per mille": 1e-3, "0.1%": 1e-3, "0.1 %": 1e-3, "0,1%": 1e-3, "0,1 %": 1e-3,
+    "%": 1e-2, "per cent": 1e-2, "percent": 1e-2,
+}  # fmt: skip
 _CURRENTS = ("A", "mA", "Arms")
-_RATED = re.compile(rf"({'|'.join(_SHARES)})(?:\s+of\s+({NUMBER})\s*(\S.*))?")
+_RATED = re.compile(rf"({'|'.join(map(re.escape, _SHARES))})(?:\s+of\s+({NUMBER})\s*(\S.*))?")
 
 # names of an encoder's counts, which the machine's table gives a size
 COUNTS = ("counts", "count", "cts", "edges", "pulses", "pulse", "ticks", "tick", "increments", "incr", "inc", "Inkr")

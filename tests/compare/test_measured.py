@@ -540,6 +540,15 @@ def test_columns_that_are_named_as_the_quantities_need_no_option(tmp_path, run, 
     assert len(said) == ("x [um]" in heads.split(","))
 
 
+@pytest.mark.parametrize("heads", ["time,x position,y position", "time,x_command,y_command"])
+def test_positions_of_a_machine_s_log_without_a_unit_are_in_metres_as_identify_reads_them(tmp_path, run, heads):
+    time, nozzle = logged(run, "nozzle", 500.0)
+    log = tmp_path / "log.csv"
+    np.savetxt(log, np.column_stack([time, 1e-3 * nozzle[:, :2]]), delimiter=",", header=heads, comments="")
+    (measured,) = Trace.of(read_table(log), Assignment({}), run).axes.values()
+    assert measured[:, :2] == pytest.approx(nozzle[:, :2], abs=1e-9)
+
+
 @pytest.mark.parametrize(("end", "note"), [(0.9, []), (0.86, ["95.0 % of the time"]), (0.5, ["50.0 % of the time"])])
 def test_what_a_trace_covers_of_the_bead_is_told_where_it_is_not_all(end, note):
     """The dispenser is on from 0.1 s to 0.9 s."""

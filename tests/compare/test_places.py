@@ -120,7 +120,7 @@ SPEEDS = {
 }
 
 
-@pytest.mark.parametrize("turn", [-8.0, 5.0])
+@pytest.mark.parametrize("turn", [-8.0, 5.0, 90.0])
 def test_a_trace_that_is_turned_far_is_laid_on_the_run_anew(run, turn):
     """Places found on the path as it was not turned bend offset and turn: once by tens of micrometres."""
     comparison, true = compared(run, feed=0.9, turn=turn, offset=(100.0, 40.0))

@@ -451,3 +451,22 @@ def test_a_record_of_a_run_names_the_command_that_writes_it_as_a_table(run, tmp_
     run.save(tmp_path / "run.npz")
     with pytest.raises(InputError, match=r"is the record of a run: gantrysim export .*run\.npz writes it as a table"):
         read_table(tmp_path / "run.npz")
+
+
+@pytest.mark.parametrize("share", ["0.1%", "0,1%", "0,1 %"])
+def test_a_share_of_the_rated_torque_has_either_decimal_sign(log, share):
+    found = log("t;T\n0;10\n1;20\n")
+    assert found.values(Source("T", unit=f"{share} of 1.27 N·m"), "N·m") == pytest.approx([0.0127, 0.0254])
+    assert not is_unit("0x1%")
+
+
+def test_a_column_with_another_decimal_sign_is_named(log):
+    found = log("time\ttorque\tx\n0.001\t1,5\t0.10\n0.002\t2,5\t0.20\n0.003\t3,5\t0.30\n")
+    with pytest.raises(InputError, match="column torque has '1,5': must have the decimal sign of the other columns"):
+        found.values(Source("torque"), "N·m")
+
+
+@pytest.mark.parametrize("day", ["", "2024-05-01 "])
+def test_a_clock_has_fractions_after_a_comma(log, day):
+    found = log(f"t;x\n{day}10:00:00,100;1\n{day}10:00:00,350;2\n")
+    assert found.values(Source("t"), "s") == pytest.approx([0.0, 0.25])

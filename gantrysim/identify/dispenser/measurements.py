@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive, unknown
+from gantrysim.base.heads import spaced_name
 from gantrysim.glue.dispenser.dispenser import JET, PISTON, VALVE, VOLUMETRIC
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.identify.checks.finding import NotIdentifiedError
@@ -331,7 +332,7 @@ def _sources(table: ColumnTable, given: Mapping[str, str]) -> dict[str, Source]:
     taken = {source.column for source in sources.values()}
     for head in table.order:
         unit = table.units.get(head, "")
-        name = " ".join(re.split(r"[\s_.]+", head.strip().lower()))
+        name = spaced_name(head).lower()
         if unit:
             name = name.removesuffix(f" {unit.lower()}")
         quantity = heads.get(name, "")

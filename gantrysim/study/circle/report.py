@@ -102,9 +102,9 @@ def report(study: CircleStudy, rows: Sequence[Row]) -> Report:
     chart = Plot(
         "chart",
         "Radial deviation, magnified",
-        "The nominal circle is the bold ring; outside it the path is too large. The dashed rings are the minimum "
-        "zone of both paths, the red ones the largest error that the job's tolerance admits; the triangle marks the "
-        "largest deviation.",
+        "The nominal circle is the bold ring; outside it the path is too large. The dark dashed rings are the "
+        "minimum zone of both paths, the red ones, where they fit the scale, the largest error that the job's "
+        "tolerance admits; the triangle marks the largest deviation.",
         _draw_chart(test, UM * path_limit(study.job)),
     )
     deviation = Plot(

@@ -43,7 +43,7 @@ def milliseconds(seconds: float) -> str:
     return f"{1e3 * seconds:.4g} ms"
 
 
-def micrometres(millimetres: float) -> str:
+def _micrometres(millimetres: float) -> str:
     """Return a length as text."""
     return f"{1e3 * millimetres:.4g} µm"
 
@@ -52,7 +52,7 @@ LEVERS = {
     "loop_period": Lever("program.loop_period", "loop period", "longest", milliseconds),
     "interpreter_time": Lever("program.interpreter_time", "interpreter time", "longest", milliseconds),
     "servo_period": Lever("servo.period", "servo period", "longest", milliseconds),
-    "encoder_resolution": Lever("servo.resolution", "encoder resolution", "coarsest", micrometres),
+    "encoder_resolution": Lever("servo.resolution", "encoder resolution", "coarsest", _micrometres),
 }
 
 
@@ -138,11 +138,17 @@ def _draw_use(axes: Axes, sweep: SweepVerdicts, present: float | None) -> list[f
     for label, chosen, colour in (("keeps the limits", True, GOOD), ("does not", False, BAD)):
         values = [value for value in shown if (value in sweep.kept) is chosen]
         axes.plot(values, [shown[value] for value in values], "o", ms=5, ls="none", color=colour, label=label)
+    endless = [value for value, use in uses.items() if value > 0 and use == math.inf]
+    if endless:
+        top = axes.get_xaxis_transform()
+        axes.plot(
+            endless, [0.98] * len(endless), "^", color=BAD, ls="none", transform=top, label="fails without a share"
+        )
     axes.axhline(_PER_CENT, color=BAD, lw=1.2, ls="--", label="limit")
     if present is not None and present > 0:
         axes.axvline(present, color=COLOURS["requested"], lw=1.4, ls=":", label="the job's own value")
-    if shown:
-        logarithmic(axes, "x", [*shown, *([present] if present else [])])
+    if shown or endless:
+        logarithmic(axes, "x", sorted([*shown, *endless, *([present] if present else [])]))
         axes.xaxis.set_major_formatter(lambda value, _: sweep.lever.text(value))
         axes.tick_params(axis="x", labelrotation=40, labelsize=8)
     # a logarithmic axis has no place for zero

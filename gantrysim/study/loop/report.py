@@ -184,11 +184,12 @@ def report(study: LoopStudy, rows: Sequence[Row]) -> Report:
     main = main_sweep(study)
     chart = next((plot for plot in drawn if plot.name == main), None)
     if sweeps:
+        scope = next(iter(sweeps.values())).scope
         chart = Plot(
             "limits",
             "Use of the closest limit",
-            "The job as it is, with one setting changed at a time: below the dashed line, at 100 %, it keeps its "
-            "limits. The dotted line is the job's own value.",
+            f"The job as it is, with one setting changed at a time: the largest use of {scope.words}. Green points "
+            "keep them. The dashed line is the limit, 100 %; the dotted one the job's own value.",
             draw_limits(study, sweeps),
         )
     return Report(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from gantrysim.base.quantity import MEAN
+from gantrysim.job.job import Job
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.error_quantities import CONTOUR, DURATION, SPEED
 from gantrysim.report.document import Column, Table
@@ -129,10 +130,7 @@ def speed_answer(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row], fa
     tried = f"from {min(by_speed):g} to {max(by_speed):g} mm/s"
     if result.fastest is None:
         nearest = min(good, key=criterion.value)
-        return (
-            f"No speed tried, {tried}, keeps {limit}: {speed_of(nearest):g} mm/s comes nearest "
-            f"({criterion.failure(nearest)}), so speed is not the lever; {improve_command(study.job)} tries the others."
-        )
+        return _nearest_sentence(study.job, tried, limit, speed_of(nearest), criterion.failure(nearest))
     if isinstance(criterion, JobCriterion) and criterion.scope.aspects != ASPECTS:
         return _answer_where_all_fail(study, good, tried, criterion.scope, result.fastest)
     if study.programmed_speed in result.islands:
@@ -157,10 +155,14 @@ def _answer_where_all_fail(study: SpeedStudy, good: Sequence[Row], tried: str, s
     """Return the answer where no speed keeps the whole tolerance, though some keep the limits of the motion."""
     judged = {speed_of(row): acceptance for row in good if (acceptance := Acceptance.of(row)) is not None}
     nearest = min(judged, key=lambda speed: judged[speed].use())
+    sentence = _nearest_sentence(study.job, tried, Scope(ASPECTS).words, nearest, judged[nearest].failures())
+    return f"{sentence} By {scope.words}, {fastest:g} mm/s is the fastest."
+
+
+def _nearest_sentence(job: Job, tried: str, limit: str, speed: float, failure: str) -> str:
     return (
-        f"No speed tried, {tried}, keeps {Scope(ASPECTS).words}: {nearest:g} mm/s comes nearest "
-        f"({judged[nearest].failures()}), so speed is not the lever; {improve_command(study.job)} tries the others. "
-        f"By {scope.words}, {fastest:g} mm/s is the fastest."
+        f"No speed tried, {tried}, keeps {limit}: {speed:g} mm/s comes nearest ({failure}), so speed is not the lever; "
+        f"{improve_command(job)} tries the others."
     )
 
 
