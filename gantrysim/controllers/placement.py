@@ -84,3 +84,8 @@ class Placement:
         angle = math.radians(self.rotate)
         c, s = (round(f(angle), 15) for f in (math.cos, math.sin))  # quarter turns are exact
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, self.upward]])
+
+
+def higher(upward: float, *heights: float) -> float:
+    """Return the one of some z that is highest above the work, given the sign of z on it, see `Placement.upward`."""
+    return upward * max(upward * height for height in heights)

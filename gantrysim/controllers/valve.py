@@ -70,7 +70,8 @@ class Dispense:
             moves that feed material by E.
         on: M codes that open the valve, such as "M3", "M64 P0" or "M300 S30"; by default those of M3, M4, M7, M8, M42,
             M62, M64 and M106 with which the program switches on one output, the one that it switches most often.
-        off: M codes that close the valve; by default those that switch this output off, of M5, M9, M63, M65 and M107.
+        off: M codes that close the valve; by default those that switch this output off, of M5, M9, M42 with S0, M63,
+            M65 and M107.
     """
 
     by: Literal["auto", "feed", "codes", "extrusion"] = "auto"
@@ -151,24 +152,25 @@ class Outputs:
 
     Args:
         dispense: when glue is laid; codes that it names switch an output of their own.
+        has_pins: whether M42 switches an output, as in printers' firmware.
 
     Attributes:
         states: names of the outputs that were on at once, to which moves refer by `index`.
         index: of the present state.
     """
 
-    def __init__(self, dispense: Dispense) -> None:
+    def __init__(self, dispense: Dispense, has_pins: bool = False) -> None:
         self.states: list[tuple[str, ...]] = [()]
         self.index = 0
         self._dispense = dispense
+        self._has_pins = has_pins
         self._met: dict[str, _Output] = {}
         self._numbers: dict[tuple[str, ...], int] = {(): 0}
         # code with which the spindle turns
         self._turns = ""
         self._speed: float | None = None
-        self._has_speeds = (
-            False  # whether a speed other than 0 was met: a S0 that stands in every block switches nothing
-        )
+        # whether a speed other than 0 was met: a S0 that stands in every block switches nothing
+        self._has_speeds = False
 
     @property
     def now(self) -> tuple[str, ...]:
@@ -197,7 +199,7 @@ class Outputs:
                     self._set(on, _VALVE, f"M{code}", switched)
             elif code in CODES:
                 self._apply(on, code, number, speed)
-            elif code == _PIN and word is not None:
+            elif self._has_pins and code == _PIN and word is not None:
                 pin = "M42" if number is None else f"M42 P{number:g}"
                 self._set(on, pin, f"{pin} S{word:g}", word != 0)
         if _SPINDLE in self._met:

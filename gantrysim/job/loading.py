@@ -121,9 +121,10 @@ def read_job(job: str, controller: str | None = None, *, allow_code: bool = Fals
     path = expanded_path(job)
     if not path.exists():
         check_whole(path.parent, f"job {job}")
-    if not path.exists() and path.suffix:
-        raise InputError(f"job {job}: no such file; built-in jobs: {', '.join(builtin_jobs())}")
+    # it may be in place now
     if not path.exists():
+        if path.suffix:
+            raise InputError(f"job {job}: no such file; built-in jobs: {', '.join(builtin_jobs())}")
         raise unknown("job", job, builtin_jobs())
     # before its content is looked at
     check_regular(path, f"job {job}")

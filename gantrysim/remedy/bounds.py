@@ -8,14 +8,13 @@ from gantrysim.base.errors import GantryError
 from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
-from gantrysim.remedy.outcome import Outcome
-from gantrysim.results.glue import ploughing_reason
+from gantrysim.remedy.levers.numbers import value_of
 from gantrysim.results.glue_causes import without_dead_time, without_lag
 from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import GLUE, PATH, STABILITY, Verdict
 
 
-def bound_of(job: Job, outcome: Outcome, row: str) -> str:
+def bound_of(job: Job, row: str) -> str:
     """Return what keeps a row of the verdict on a job from passing, as the subject of a sentence.
 
     The path is bound by the link with the largest rms in a run of the job. The bead is judged again with a dispenser
@@ -27,12 +26,12 @@ def bound_of(job: Job, outcome: Outcome, row: str) -> str:
         link = max(parts, key=lambda name: parts[name].rms)
         return f"the {link} link, {1e3 * parts[link].rms:.1f} µm rms of the error"
     if row == GLUE:
-        assert outcome.verdict is not None
-        ploughed = ploughing_reason(outcome.verdict[GLUE])
-        return f"the program link: {ploughed}" if ploughed else _glue_bound(job)
+        return _glue_bound(job)
     if row == STABILITY:
         return "the servo: its loops have too little margin"
-    if any(getattr(job.controller, name, 0.0) == math.inf for name in job.controller.ramp_arguments):
+    # the first limits the path; a rotary axis may have no limit of its own
+    arguments = job.controller.arguments()
+    if any(value_of(arguments, name) == math.inf for name in job.controller.ramp_arguments[:1]):
         return "the program: it limits no acceleration, so that its speed jumps"
     return "the drives: their torque or speed has too little reserve"
 

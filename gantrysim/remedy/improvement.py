@@ -265,7 +265,7 @@ class Improvement(Shown):
         if worst.fails_without_check or not worst.checks:
             return f"{remains}, {worst.remark}."
         reason = ploughing_reason(worst)
-        bound = reason or f"what forbids it is {bound_of(self.job, self.after, worst.name)}"
+        bound = reason or f"what forbids it is {bound_of(self.job, worst.name)}"
         return f"{remains}, {worst.checks[0].brief}. {bound[0].upper()}{bound[1:]}."
 
     @property
@@ -276,11 +276,11 @@ class Improvement(Shown):
         if row is None or check is None or _lowers(check, row.name, check.value, self.improved):
             return ""
         order = ploughing_remedy(self.improved[row.name])
-        what = order or f"what forbids it is {bound_of(self.job, self.after, row.name)}"
+        what = order or f"what forbids it is {bound_of(self.job, row.name)}"
         text = f"no lever cures {check.label or check.quantity}: {what}."
         others: dict[str, str] = {}
         for gain in shown_gains(self.verdict, self.improved):
-            if gain.quantity != check.quantity and self.verdict[gain.row].state != PASS and gain.before != gain.after:
+            if gain.quantity != check.quantity and self.verdict[gain.row].state != PASS and gain.is_better:
                 # the worst one of a row tells enough
                 others.setdefault(gain.row, f"{gain.quantity} {gain.text}")
         if not others or not self.combination:

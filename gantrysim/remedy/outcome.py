@@ -18,7 +18,6 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, PASS
-from gantrysim.results.glue import GLUE
 from gantrysim.results.score import burden_of, row_burden
 from gantrysim.results.verdict import Verdict, motion_rows
 
@@ -37,6 +36,7 @@ class Outcome:
         missing: mean over the starts of the glue missing there, as length of the requested bead [mm].
         excess: mean over the stops of the glue in excess there, likewise [mm].
         dots: volumes of the dots, with what is drawn into strings, 0 where none is requested [mm³].
+        motion_fails: see `Motion.fails`.
     """
 
     verdict: Verdict | None
@@ -46,16 +46,12 @@ class Outcome:
     missing: float = 0.0
     excess: float = 0.0
     dots: tuple[float, ...] = ()
+    motion_fails: bool = False
 
     @property
     def burden(self) -> float:
         """See `burden_of`; inf without a complete run."""
         return math.inf if self.failure or self.verdict is None else burden_of(self.verdict)
-
-    @property
-    def motion_fails(self) -> bool:
-        """Whether the verdict is no pass whatever the glue, which does not change the motion."""
-        return self.verdict is not None and any(row_burden(row) > 0 for row in self.verdict.rows if row.name != GLUE)
 
     @property
     def state(self) -> str:
@@ -157,7 +153,7 @@ class Motion:
         """
         if self.budget is None:
             verdict = Verdict.of_fault(self.run)
-            return Outcome(verdict, float(self.run.time[-1]), verdict.fault)
+            return Outcome(verdict, float(self.run.time[-1]), verdict.fault, motion_fails=True)
         run = self.run
         if job is not self.job:
             run = dispensed_otherwise(run, job.dispenser)
@@ -173,6 +169,7 @@ class Motion:
             excess=float(bead.excess_at_stops.mean()) if is_laid and bead.excess_at_stops.size else 0.0,
             # where none is requested, what is left is rounding
             dots=tuple(dot.volume + dot.string if dot.demand else 0.0 for dot in bead.dots),
+            motion_fails=self.fails,
         )
 
 

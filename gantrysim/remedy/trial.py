@@ -25,6 +25,7 @@ class Gain:
         quantity: of a check of it.
         unit: of its values.
         form: format of its values.
+        at_least: whether its value must be at least its limit.
         before, after: values of that check; nan where it is unknown.
         usage_before, usage_after: share of the limit that the row's worst check uses.
         state: of the row, after.
@@ -34,11 +35,17 @@ class Gain:
     quantity: str = ""
     unit: str = ""
     form: str = ".1f"
+    at_least: bool = False
     before: float = math.nan
     after: float = math.nan
     usage_before: float = math.nan
     usage_after: float = math.nan
     state: str = UNJUDGED
+
+    @property
+    def is_better(self) -> bool:
+        """Whether the value is nearer to passing, or passes by more, afterwards."""
+        return self.after > self.before if self.at_least else self.after < self.before
 
     @property
     def text(self) -> str:
@@ -65,7 +72,14 @@ def shown_gains(before: Verdict, after: Verdict | None) -> list[Gain]:
 def _gain(row: Row, check: Check | None, after: Verdict | None) -> Gain:
     gain = Gain(row.name, usage_before=usage_of(row))
     if check is not None:
-        gain = replace(gain, quantity=check.quantity, unit=check.unit, form=check.form, before=check.value)
+        gain = replace(
+            gain,
+            quantity=check.quantity,
+            unit=check.unit,
+            form=check.form,
+            at_least=check.at_least,
+            before=check.value,
+        )
     if after is None or after.unjudged:
         return gain
     changed = after[row.name]

@@ -413,3 +413,8 @@ def test_a_tolerance_of_corners_does_what_p_of_g64_does(before):
 def test_a_tolerance_of_corners_is_greater_than_zero(tolerance):
     with pytest.raises(InputError, match=r"corner_tolerance = .*: must be greater than 0"):
         Program(text="G1 F600 X1", corner_tolerance=tolerance)
+
+
+@pytest.mark.parametrize(("before", "height"), [("", 20.0), ("G28.1\n", 0.0), ("G0 Z20\nG28.1\nG0 Z5\n", 20.0)])
+def test_g28_goes_down_only_to_a_stored_height(before, height):
+    assert ends(f"{before}G1 F600 X50\nG0 Z20\nG28")[-1] == [0, 0, height]

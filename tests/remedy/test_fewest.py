@@ -1,5 +1,6 @@
 """Fewest levers that pass, and one lever for one value: on sums that are known, and on a real job."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -11,6 +12,7 @@ from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.levers.speed import FASTER, SLOWER
 from gantrysim.remedy.levers.valve import LAG_COMPENSATION
 from gantrysim.remedy.outcome import Motion
+from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import motion_rows
 
 from support.remedies import AREA, LAG, SIDES, lines_job, outcome
@@ -191,3 +193,16 @@ def test_a_motion_fails_as_its_verdict_says(changes):
     assert list(motion_rows(job, motion.budget)) == [rows[1], rows[2], rows[0]]
     is_of_motion = bool(changes) and "dispenser.dead_time" not in changes
     assert Motion.of(job).fails == motion.outcome(job).motion_fails == is_of_motion
+
+
+def test_a_motion_does_not_fail_by_the_load_that_the_glue_makes():
+    """A piston of 20 N that cannot press 2 mm² through its needle presses 0.02 mm²: the motion is the same."""
+    needle = {"bore": 0.84, "length": 12.0, "consistency": 8.0, "index": 1.0}
+    piston = {"kind": "piston", "needle": needle, "piston": {"charge": math.inf, "compliance": 0.02, "force": 20.0}}
+    jobs = [lines_job(SIDES, dispenser={"area": area, **piston}) for area in (2.0, 0.02)]
+    motion = Motion.of(jobs[0])
+    outcomes = [motion.outcome(job) for job in jobs]
+    burdens = [row_burden(outcome.verdict["machine"]) for outcome in outcomes]
+    assert burdens[0] > burdens[1] == 0
+    assert not motion.fails
+    assert [outcome.motion_fails for outcome in outcomes] == [False, False]

@@ -16,7 +16,7 @@ from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
 
-from support.remedies import SIDES, lines_job, measured_outcome
+from support.remedies import SIDES, lines_job
 
 ROWS = ("path", "stability", "machine")
 
@@ -93,6 +93,10 @@ def test_what_no_lever_cures_is_told_first_with_what_does():
     )
     assert remedy_of(result).change == result.sentence.replace("no", "No", 1)
     assert result_of(before, before=before).sentence == f"no lever cures bead ploughed: {order}."
+    # what got worse is not said to be what the change is for
+    worse = glue_of(2.4, 16.0)
+    result = result_of(worse, before=before, combination=picked(worse, "lag compensation", before=before))
+    assert result.sentence == f"no lever cures bead ploughed: {order}."
     crossed = "1 pass; the path crosses its own bead: lay it without crossings"
     most = glue_of(0.5, 2.0, crossed)
     sentence = result_of(most, before=before, combination=picked(most, "lift", before=before)).sentence
@@ -177,8 +181,7 @@ def test_a_blob_that_e_feeds_at_rest_is_not_put_down_to_the_speed():
     program = {"controller": "slicer.Program", "text": text}
     content = {"name": "primed", "machine": "xyz", "program": program, "dispenser": {"filament": 1.75}}
     job = Job.of_content(content, "job primed")
-    outcome = measured_outcome(job)
-    reason = bound_of(job, outcome, "glue")
+    reason = bound_of(job, "glue")
     assert reason == "the program link: what E feeds, at rest or for each length, varies more than the bead admits"
 
 
@@ -189,3 +192,14 @@ def test_the_first_screen_has_the_values_of_what_was_cured_and_of_what_is_left()
     # the machine's, which is the worst, is told with the verdict
     assert [text.partition(":")[0] for text in texts] == ["path", "stability"]
     assert "3.0 mm, at most 4.0 mm" in texts[0].replace("\xa0", " ")
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "bound"),
+    [(1000.0, "the drives: their torque or speed has too little reserve"), (math.inf, "the program: it limits no acc")],
+)
+def test_a_program_without_a_limit_of_its_acceleration_is_what_binds_the_drives(acceleration, bound):
+    """A rotary axis of FANUC has none by default, and drives that follow the others are no reason to blame it."""
+    job = Job.load("fanuc-spiral").changed({"program.acceleration": acceleration})
+    assert job.controller.rotary_acceleration == math.inf
+    assert bound_of(job, "machine").startswith(bound)

@@ -142,7 +142,7 @@ DOES_NOT_APPLY = {
     "acceleration": (in_text, "text sets the accelerations"),
     "loop period": (rubbing, "without a loop"),
     "exact waits": (exact_spiral, "exact"),
-    "corner rounding": (rubbing, "the program does not round corners"),
+    "corner rounding": (rubbing, "no corner of the program is rounded without a tolerance"),
     "lift": (lambda: lines_job(ACROSS), "no axis z"),
     "needle height": (dry, "lays no bead"),
     "faster valve": (ideal_valve, "at once"),
@@ -427,10 +427,10 @@ def test_a_height_that_the_job_leaves_open_is_that_of_the_machine():
 
 def test_what_binds_a_driven_dispenser_is_the_pressure_of_its_glue():
     job = soft()
-    assert bound_of(job, outcome(job), "glue") == "the dispenser, whose motor works against the pressure of the glue"
-    assert bound_of(lagging(), outcome(lagging()), "glue").startswith("the dispenser, which lags by ")
+    assert bound_of(job, "glue") == "the dispenser, whose motor works against the pressure of the glue"
+    assert bound_of(lagging(), "glue").startswith("the dispenser, which lags by ")
     fed = extruded()
-    assert bound_of(fed, outcome(fed), "glue").startswith("the dispenser, whose motor")
+    assert bound_of(fed, "glue").startswith("the dispenser, whose motor")
 
 
 def test_corners_rounded_as_far_as_lines_reach_get_a_tolerance():

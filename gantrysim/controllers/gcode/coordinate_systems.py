@@ -30,6 +30,7 @@ class CoordinateSystems:
 
     Attributes:
         here: position of the tip in the machine's coordinates.
+        start: the first one.
         unit: of the program's lengths.
         absolute: whether coordinates are (G90).
         diameter: whether X is one (G7).
@@ -39,7 +40,7 @@ class CoordinateSystems:
         suspended_shift: the shift that G92.2 suspends and G92.3 brings back.
         tool: length in force.
         tools: lengths by number.
-        stored: positions of G28 and G30, by those names.
+        stored: positions that G28.1 and G30.1 stored, by G28 and G30; those of the start before.
     """
 
     here: Three
@@ -54,6 +55,10 @@ class CoordinateSystems:
     tool: float = 0.0
     tools: dict[int, float] = field(default_factory=dict)
     stored: dict[str, Three] = field(default_factory=dict)
+    start: Three = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.start = list(self.here)
 
     def axis(self, i: int, value: float) -> float:
         """Return a word of an axis in millimetres."""
@@ -185,8 +190,8 @@ class CoordinateSystems:
         if number == _TOOL:
             return self.tool / self.unit
         for name, first in _STORED.items():
-            if first <= number < first + 3 and name in self.stored:
-                return self.stored[name][number - first] / self.unit
+            if first <= number < first + 3:
+                return self.stored.get(name, self.start)[number - first] / self.unit
         return None
 
 

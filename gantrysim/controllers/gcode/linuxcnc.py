@@ -61,11 +61,13 @@ def halts_at_work(program: Interpreted) -> tuple[str, ...]:
     halts = at_work[:-1] & at_work[1:] & (np.diff(moves) > 1) & (between[:-1] == 0)
     if not halts.any():
         return ()
-    lines = ", ".join(f"{line:.0f}" for line in table[moves[:-1][halts][:_MOST_LINES] + 1, SOURCE])
-    ending = ", ..." if halts.sum() > _MOST_LINES else ""
+    # a loop stops at the same line again and again
+    lines = list(dict.fromkeys(table[moves[:-1][halts] + 1, SOURCE].astype(int).tolist()))
+    named = ", ".join(map(str, lines[:_MOST_LINES])) + (", ..." if len(lines) > _MOST_LINES else "")
+    times = "once" if halts.sum() == 1 else f"{halts.sum()} times"
     return (
-        f"Between moves at feed, the motion stops {halts.sum()} times for a code (line {lines}{ending}): LinuxCNC and "
-        "grbl carry out M3 to M9, M64, M65, M68 and another S at rest; LinuxCNC's M62, M63 and M67 switch in motion.",
+        f"Between moves at feed, the motion stops {times} for a code (line {named}): LinuxCNC and grbl carry out M3 to "
+        "M9, M64, M65, M68, G4 P0 and another S at rest; LinuxCNC's M62, M63 and M67 switch in motion.",
     )
 
 

@@ -300,13 +300,13 @@ class ProgramState:
         self.setup = setup
         self.dialect = setup.dialect
         self.frames = CoordinateSystems(list(moves.start), tools=setup.tools)
-        self.frames.stored = {"G28": list(moves.start), "G30": list(moves.start)}
-        self.modes = Modes(path=setup.path_mode)
-        # printers merge no lines
-        if not setup.dialect.extrudes:
-            self.modes.blend(setup.path_mode)
+        self.modes = Modes()
+        self.modes.blend(setup.path_mode)
+        if setup.dialect.extrudes:
+            # printers merge no lines
+            self.modes.naive = 0.0
         self.motion = "G1" if setup.dialect.extrudes else "G0"
-        self.outputs = Outputs(setup.dispense)
+        self.outputs = Outputs(setup.dispense, has_pins=setup.dialect.extrudes)
         self.flow_value = 0.0
         self.extruder = Extruder(setup.firmware, setup.pressure_advance)
         self.spline_control: complex | None = None

@@ -50,7 +50,7 @@ DEMANDS = {
 }
 
 _LARGEST_VALUE = 1e9  # largest flow, area and pressure
-_LONGEST = 4.0  # dead time, time constants, leads and advance: longer ones are milliseconds [s]
+_LONGEST = 4.0  # dead time, time constants, leads and advance; a larger number was typed in milliseconds [s]
 _CLIPPED = 1e-3  # share of the volume from which a clipped demand is noted
 _EMPTY = 1e-9  # glue that remains in an empty syringe, relative to that at the start
 

@@ -47,6 +47,8 @@ def _corners(state: State) -> list[Setting] | str:
         limits = [1e-3 * check.limit for check in verdict[PATH].checks if check.name == "path_max"]
         distances = [float(f"{share * limit:.2g}") for limit in limits for share in _ROUNDED]
         return [Setting(f"within {distance:g} mm by G64 P", {f"program.{name}": distance}) for distance in distances]
+    if value == math.inf:
+        return "no corner of the program is rounded without a tolerance"
     if not _is_limited(value):
         return "the program does not round corners"
     return [Setting(factor_text(factor), {f"program.{name}": scaled_numbers(value, factor)}) for factor in _CORNERS]

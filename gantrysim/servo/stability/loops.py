@@ -137,11 +137,11 @@ class Loops:
 
     @cached_property
     def closed_poles(self) -> Complexes:
-        """The closed-loop poles with the demands as they are."""
+        """Closed-loop poles of the loops as they are, without a factor."""
         return self.poles()
 
     def stable(self, axes: Sequence[int] = (), factor: float = 1.0) -> bool:
-        """Return whether all closed-loop poles lie inside the unit circle, as those of `poles`."""
+        """Return whether all closed-loop poles lie inside the unit circle, with the arguments of `poles`."""
         poles = self.poles(axes, factor) if len(axes) else self.closed_poles
         return bool(np.abs(poles).max() < 1 - _ASYMPTOTIC)
 
@@ -180,7 +180,7 @@ class Loops:
 def peaks_of(loops: Sequence[Loops]) -> Floats:
     """Return the peak of |S| of each axis of loops that one servo closes on several plants, (loops, axes).
 
-    A search for gains asks for a few points of many loops, which alone cost less than the calls for them.
+    A search for gains asks for a few points of many loops, and the calls cost more than the points.
     """
     laws = loops[0]
     axes = np.arange(len(laws.laws))

@@ -6,6 +6,7 @@ from gantrysim.controllers.fanuc.block_words import Words
 from gantrysim.controllers.fanuc.blocks import PLANES, Block, Rapid
 from gantrysim.controllers.fanuc.codes.handlers import action, setting
 from gantrysim.controllers.fanuc.modal_state import ENDS, SYSTEMS, ModalState
+from gantrysim.controllers.placement import higher
 
 # Mirror image and rotation of the coordinates.
 
@@ -75,7 +76,7 @@ def g28(state: ModalState, words: Words) -> list[Block]:
     places = list(state.home)
     # the reference point of z is above the work: the needle does not go down to the initial height
     height = state.here[2] if way[2] is None else way[2]
-    places[2] = state.upward * max(state.upward * places[2], state.upward * height)
+    places[2] = higher(state.upward, places[2], height)
     home = tuple(places[axis] if axis in lengths else None for axis in range(3))
     moves: list[Block] = [Rapid(end=end, plane=state.plane, exact_stop=True, dispense=False) for end in (way, home)]
     for axis in lengths:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, action, setting
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
+from gantrysim.controllers.placement import higher
 
 _AXES = "XYZ"
 _TABLE_WORDS = "XYZABCUVWRIJQ"  # of a tool's table, of which only Z matters
@@ -62,11 +63,10 @@ def _go_to_stored(state: ProgramState, block: WordBlock, name: str) -> None:
         state.rapid_to(frames.end(block.values, in_machine=False))
     else:
         named = [True] * 3
-    place = list(frames.stored[name])
-    if place == list(state.moves.start):
-        # nobody stored it: the reference point of z is above the work, and the needle does not go down to the start's
-        upward = state.setup.upward
-        place[2] = upward * max(upward * place[2], upward * frames.here[2])
+    place = list(frames.stored.get(name, frames.start))
+    if name not in frames.stored:
+        # the reference point of z is above the work: the needle does not go down to the start's height
+        place[2] = higher(state.setup.upward, place[2], frames.here[2])
     stored = zip(place, frames.here, named, strict=True)
     state.rapid_to([target if moves else here for target, here, moves in stored])
 
