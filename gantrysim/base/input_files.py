@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from gantrysim.base.errors import InputError
 
@@ -39,7 +39,7 @@ def check_inside(file: Path, folder: Path) -> None:
         raise InputError(f"{file}: is a link to {target}, outside the folder: put a copy of the file in its place")
 
 
-def opened_file(file: Path, label: str = "") -> BinaryIO:
+def opened_file(file: Path, label: str = "") -> BufferedReader:
     """Return a regular file, open for reading.
 
     Args:

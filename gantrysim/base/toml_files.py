@@ -47,6 +47,11 @@ def read_text(file: Path, errors: str = "strict", label: str = "", most: int | N
             content += part
             if len(content) > longest:
                 raise InputError(f"{label or file}: is longer than {longest:.3g} bytes")
+    return decoded_text(content, errors)
+
+
+def decoded_text(content: bytes | bytearray, errors: str = "strict") -> str:
+    """Return text in UTF-8, or in UTF-16 with the mark of the byte order, with lines that end in a line feed."""
     # programs of Windows write a mark before text of two bytes a character
     marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     text = content.decode("utf-16" if marked else "utf-8", errors)

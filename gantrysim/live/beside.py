@@ -42,6 +42,7 @@ class Companion:
     def __init__(self) -> None:
         self._read: tuple[tuple[str, int], Run | ColumnTable] | None = None
         self._latest: tuple[Beside, Floats, Alignment | InputError] | None = None
+        self._kept: tuple[Beside, RunResults, ComparedRun] | None = None
 
     def lay(
         self, given: Beside, results: RunResults, reference: RunResults | None = None, *, anew: bool
@@ -85,8 +86,12 @@ class Companion:
         return alignment if np.array_equal(commanded, run.commanded) else None
 
     def _kept_run(self, given: Beside, reference: RunResults, alignment: Alignment, run: Run) -> ComparedRun:
-        is_same = np.array_equal(reference.budget.analysis.run.commanded, run.commanded)
-        return _run("kept", self._compared(given, reference, alignment if is_same else None), reference)
+        if np.array_equal(reference.budget.analysis.run.commanded, run.commanded):
+            return _run("kept", self._compared(given, reference, alignment), reference)
+        # of another command: aligned once, as it does not change
+        if self._kept is None or self._kept[0] != given or self._kept[1] is not reference:
+            self._kept = (given, reference, _run("kept", self._compared(given, reference, None), reference))
+        return self._kept[2]
 
     def _compared(self, given: Beside, results: RunResults, alignment: Alignment | None) -> Comparison:
         run = results.budget.analysis.run

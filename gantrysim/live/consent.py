@@ -10,6 +10,7 @@ import hashlib
 import os
 import sys
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
@@ -17,7 +18,6 @@ from gantrysim.base.errors import InputError
 from gantrysim.base.input_files import opened_file
 from gantrysim.job.code import CONTROLLER, absolute_value, named_code
 
-_LONGEST = 1 << 24  # of a file of code [bytes]
 _YES = ("y", "yes")
 
 
@@ -72,9 +72,19 @@ def _digest(entry: str) -> str:
     place = entry.partition(" = ")[2].rpartition(":")[0]
     try:
         with opened_file(Path(place)) as stream:
-            return hashlib.sha256(stream.read(_LONGEST)).hexdigest()
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except (OSError, InputError, ValueError):
         return ""
+
+
+def _drop_typed(keyboard: TextIO) -> None:
+    """Drop what was typed before a question: it is no answer."""
+    try:
+        import termios  # there is none on Windows
+    except ImportError:
+        return
+    with suppress(termios.error):
+        termios.tcflush(keyboard.fileno(), termios.TCIFLUSH)
 
 
 class Terminal:
@@ -90,12 +100,16 @@ class Terminal:
         """Whether somebody can answer: a process in the background would be stopped where it reads."""
         if not (self._keyboard.isatty() and self._screen.isatty()):
             return False
-        return os.tcgetpgrp(self._keyboard.fileno()) == os.getpgrp()
+        try:
+            return os.tcgetpgrp(self._keyboard.fileno()) == os.getpgrp()
+        except (AttributeError, OSError):  # Windows; a terminal that does not control this process
+            return False
 
     async def ask(self, question: str) -> bool:
         """Return whether the answer is yes."""
         loop = asyncio.get_running_loop()
         async with self._lock:
+            _drop_typed(self._keyboard)
             print(question, end="", file=self._screen, flush=True)
             answer: asyncio.Future[str] = loop.create_future()
 

@@ -196,8 +196,6 @@ def _standing_alone(text: str, path: str) -> str:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         message = str(error).replace("(at line", "(line") if isinstance(error, ValueError) else "is nested too deeply"
         raise InputError(f"job {name}: is not TOML: {message}") from None
-    if path in builtin_jobs():
-        return text
     folder = Path(path).parent
     make_code_absolute(content, folder)
     program = content.get("program")

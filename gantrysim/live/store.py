@@ -11,9 +11,10 @@ import numpy as np
 
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.files import replaced_file
-from gantrysim.base.toml_files import read_text
+from gantrysim.base.toml_files import decoded_text, read_text
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import suffixes
+from gantrysim.tables.binary import binary_reader
 from gantrysim.tables.column_table import ColumnTable
 from gantrysim.tables.reading import table_of_text
 
@@ -34,7 +35,7 @@ def _is_job(file: Path) -> bool:
         return False
 
 
-_BINARY = (".npz", ".mat", ".h5", ".parquet", ".mcap")
+_RECORD = ".npz"
 _POINTS = ".csv"  # a program's points, or a log
 _HEAD = 1 << 16  # of a table, by which it is told [bytes]
 _TIMES = ("time_s", "time", "t")
@@ -49,11 +50,11 @@ def is_trace(name: str, content: bytes) -> bool:
     positions by the names of links.
     """
     suffix = Path(name).suffix.lower()
-    if suffix in _BINARY:
+    if suffix == _RECORD or binary_reader(content[:_HEAD]) is not None:
         return True
     if suffix == _JOB or (suffix in suffixes() and suffix != _POINTS):
         return False
-    head = content[:_HEAD].decode(errors="replace")
+    head = decoded_text(content[:_HEAD], "replace")
     if len(content) > _HEAD:
         head = head.rpartition("\n")[0]
     try:

@@ -106,22 +106,23 @@ class Studio:
             send("refused", {**Refusal.of(error)._asdict(), "task": request.task})
 
     def _open(self, draft: Draft) -> Job:
-        key = (draft.path, draft.text, draft.version)
+        code = draft.code()
+        # each time, as a change of a value imports code again, which may be another by now
+        allow_code = self._allows(draft, code)
+        key = (draft.path, draft.text, draft.version, code)
         if self._opened is None or self._opened[0] != key:
-            job = draft.opened(self._scratch, allow_code=self._allows(draft))
-            self._opened = (key, job)
+            self._opened = (key, draft.opened(self._scratch, allow_code=allow_code))
             self._latest = None
         return self._opened[1]
 
-    def _allows(self, draft: Draft) -> bool:
-        """Return whether a job's code may run.
+    def _allows(self, draft: Draft, code: Code | None) -> bool:
+        """Return whether the code of a job may run.
 
         Raises:
             CodeError: it may not unless somebody is asked.
         """
         if draft.path == self._allow_code and draft.text is None:
             return True
-        code = draft.code()
         if code is not None and code not in self._allowed:
             raise CodeError(code)
         return code is not None
@@ -184,7 +185,7 @@ class Studio:
 
     def _reference_results(self, draft: Draft, go_on: Callable[..., None]) -> RunResults:
         if self._reference is None or self._reference[0] != draft:
-            opened = draft.opened(self._scratch, allow_code=self._allows(draft))
+            opened = draft.opened(self._scratch, allow_code=self._allows(draft, draft.code()))
             job = draft.job(opened)
             self._reference = (draft, _results(job, job.run(go_on, engine=QUICK)))
         return self._reference[1]

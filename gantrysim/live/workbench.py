@@ -224,7 +224,9 @@ class Workbench:
 
     def _answered(self, code: Code, is_allowed: bool) -> None:
         self._answers[code] = is_allowed
-        self._start("show")
+        # a job that was opened since goes on
+        if self._draft.path == code.job:
+            self._start("show")
 
     def start(self) -> None:
         """Simulate the first job."""

@@ -322,7 +322,7 @@ class ViewerData:
 
     @property
     def _poses(self) -> int:
-        """Number of the machine's poses: of fewer rows there are fewer, which take longer than the rows."""
+        """Number of the machine's poses, in proportion to the rows: a pose takes longer to compute than a row."""
         return max(POSES * self._most // MOST_ROWS, _FEWEST_POSES)
 
     def text(self) -> str:

@@ -243,7 +243,7 @@ def _remedy(tick: int, bead: Bead) -> str:
     height = run.nozzle[:, 2] - bead.surface()
     top = max([float(bead.nominal_section.height[0]), *(dot.cap.height for dot in bead.dots)])
     if float(height.max()) > top + bead.gap:
-        return "lift the needle before this dry move"
+        return "a dry move leads through it: lift the needle before this dry move"
     where = "" if "z" in run.axes else ", on a machine with a z axis"
     return f"it never lifts: lift it before dry moves{where}, or lead them around the bead"
 

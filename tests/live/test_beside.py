@@ -83,6 +83,12 @@ def show(tmp_path):
 )
 def test_a_log_is_told_from_a_program(name, text, expected):
     assert is_trace(name, text.encode()) == expected
+    assert is_trace(name, text.encode("utf-16")) == expected
+
+
+def test_binary_tables_are_told_by_their_first_bytes():
+    assert is_trace("log.hdf5", b"\x89HDF\r\n\x1a\n" + bytes(100))
+    assert is_trace("log.dat", b"PAR1" + bytes(100))
 
 
 def test_the_values_are_those_of_compare(folder, show):

@@ -124,6 +124,33 @@ def test_an_edited_job_and_changed_code_are_asked_for_anew(folder, tmp_path):
     assert not (folder / "it-ran").exists()
 
 
+def test_code_that_changed_since_it_was_allowed_does_not_run_with_a_moved_slider(folder, tmp_path):
+    """A value of the servo imports the law again, from a file that may be another by now."""
+    studio = Studio(tmp_path)
+    path = str(folder / "own.toml")
+    code = code_of(JOB, path)
+    assert "result" in [kind for kind, _ in ask(studio, Draft(path), code)]
+    (folder / "it-ran").unlink()
+    (folder / "own.py").write_text(LAW + "# changed\n")
+    assert [kind for kind, _ in ask(studio, Draft(path, values={"servo.damping": 0.6}), code)] == ["code"]
+    assert not (folder / "it-ran").exists()
+    now = code_of(JOB, path)
+    assert "result" in [kind for kind, _ in ask(studio, Draft(path, values={"servo.damping": 0.6}), now)]
+
+
+def test_the_code_of_an_edited_built_in_job_is_that_of_the_question(folder, tmp_path):
+    text = JOB.replace('"own.py:law"', f'"{folder / "own.py"}:law"')
+    code = code_of(text, "an225")
+    assert code.entries == (f"servo.law = {folder / 'own.py'}:law",)
+    assert "result" in [kind for kind, _ in ask(Studio(tmp_path), Draft("an225", text), code)]
+    relative = code_of(JOB, "an225")
+    assert relative.entries == (f"servo.law = {tmp_path / 'here' / 'own.py'}:law",)
+    # there is none, and no other is sought
+    kind, refusal = ask(Studio(tmp_path), Draft("an225", JOB), relative)[-1]
+    assert kind == "refused"
+    assert str(tmp_path / "here" / "own.py") in refusal["text"]
+
+
 def test_the_terminal_is_asked_once_and_its_answer_holds(tmp_path):
     asked = []
     requests = []
@@ -136,7 +163,7 @@ def test_the_terminal_is_asked_once_and_its_answer_holds(tmp_path):
         lambda code, answered: asked.append((code, answered)),
     )
     bench.start()
-    code = Code("/x/own.toml", ("servo.law = /x/own.py:law",), ("0",))
+    code = Code("an225", ("servo.law = /x/own.py:law",), ("0",))
     content = {"code": code, "text": "would run code of its own, servo.law = /x/own.py:law", "task": "show"}
 
     def refusal():
@@ -146,7 +173,7 @@ def test_the_terminal_is_asked_once_and_its_answer_holds(tmp_path):
         assert set(refused) == {"text", "line", "word", "task"}
         return refused["text"]
 
-    begin = "job own.toml would run code of its own, servo.law = /x/own.py:law: "
+    begin = "job an225 would run code of its own, servo.law = /x/own.py:law: "
     assert refusal() == f"{begin}answer on the terminal that started gantrysim live"
     assert refusal() == f"{begin}is asked for on the terminal"
     ((_, answered),) = asked
@@ -156,6 +183,12 @@ def test_the_terminal_is_asked_once_and_its_answer_holds(tmp_path):
     answered(True)
     assert requests[-1].allowed == {code}
     assert len(asked) == 1
+    # the answer to the question of a job that is no longer open starts nothing
+    begun = len(requests)
+    bench.receive(Message(requests[-1].number, "code", {**content, "code": code._replace(job="/x/own.toml")}))
+    asked[-1][1](True)
+    assert len(asked) == 2
+    assert len(requests) == begun
 
 
 def test_without_a_terminal_the_refusal_says_what_to_do(tmp_path):

@@ -9,8 +9,9 @@ const HEADS = { machine: "Machine", program: "Program", servo: "Servo", glue: "G
 
 export class Controls {
   /**
-   * @param place element; @param changed called with values by key, and whether a slider is being dragged
-   * @param {HTMLElement} place @param {(values: Record<string, unknown>, dragging: boolean) => void} changed
+   * @param {HTMLElement} place
+   * @param {(values: Record<string, unknown>, dragging: boolean) => void} changed called with values by key, and whether a
+   *   slider is being dragged
    */
   constructor(place, changed) {
     this.box = place;

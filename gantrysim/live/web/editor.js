@@ -6,8 +6,9 @@ const PAUSE = 250; // in typing, after which a text is sent [ms]
 
 export class Editor {
   /**
-   * @param places elements for the choice of texts and the editor; @param changed called with kind and text
-   * @param {Record<string, HTMLElement>} places @param {(kind: string, text: string) => void} changed @param {(line: number) => void} atLine
+   * @param {Record<string, HTMLElement>} places elements for the choice of texts and the editor
+   * @param {(kind: string, text: string) => void} changed called with kind and text
+   * @param {(line: number) => void} atLine called with the line that is chosen
    */
   constructor(places, changed, atLine) {
     this.places = places;

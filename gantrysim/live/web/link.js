@@ -4,8 +4,8 @@ const AGAIN = 1000; // after which a lost connection is tried again [ms]
 
 export class Link {
   /**
-   * @param listeners functions by the kind of message, with its content; "result" gets head and content, "lost" nothing
-   * @param {Listeners} listeners
+   * @param {Listeners} listeners functions by the kind of message, with its content; "result" gets head and content, "lost"
+   *   nothing
    */
   constructor(listeners) {
     this.listeners = listeners;

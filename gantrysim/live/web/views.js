@@ -19,22 +19,25 @@ const LABELS = { bead: "Bead", plan: "Path error", both: "Both", space: "3-D" };
 /** @type {Record<string, string[]>} */
 const SHOWN = { both: ["bead", "plan"] }; // by a choice, where it is not the view of its name
 
+/** @type {Promise<typeof import("../../report/web/view3d.js").View>} */
+let spaceView;
+
 /** The class of the 3-D view, whose script is loaded once. */
 function loadSpace() {
-  if (window.gantrysimSpace) return Promise.resolve(window.gantrysimSpace.View);
-  return new Promise((resolve, reject) => {
+  spaceView ??= new Promise((resolve, reject) => {
     const script = element("script", { src: "/viewer3d.js" });
     script.addEventListener("load", () => resolve(window.gantrysimSpace.View));
-    script.addEventListener("error", reject);
+    script.addEventListener("error", () => reject(new Error("the script of the 3-D view was not sent")));
     document.head.append(script);
   });
+  return spaceView;
 }
 
 export class Views {
   /**
-   * @param places elements for readout, views and strips; @param lineAt called with the program's line at the cursor;
-   * @param placing has the placement of the part, null for none, and moves it
-   * @param {Record<string, HTMLElement>} places @param {(line: number) => void} lineAt @param {Controls} placing
+   * @param {Record<string, HTMLElement>} places elements for readout, views and strips
+   * @param {(line: number) => void} lineAt called with the program's line at the cursor
+   * @param {Controls} placing has the placement of the part, null for none, and moves it
    */
   constructor(places, lineAt, placing) {
     this.places = places;
@@ -51,9 +54,9 @@ export class Views {
   }
 
   /**
-   * Show the content of a result of a job; without rows nothing is shown. @param {string} name
+   * Show the content of a result of a job; without rows nothing is shown.
    *
-   * @param {RunContent | ComparedContent} content
+   * @param {RunContent | ComparedContent} content @param {string} name of the job
    */
   show(content, name) {
     if (!content.rows) {
@@ -71,6 +74,7 @@ export class Views {
   /** @param {RunContent | ComparedContent} content */
   _build(content) {
     this.strips?.remove();
+    for (const view of this._all()) view.remove?.();
     if ("runs" in content) this._buildCompared(new ComparedData(content));
     else this._buildRun(new RunData(content));
     this.moving = false;

@@ -108,7 +108,7 @@ class Workbench {
     unsave.hidden = !state.saved;
     unsave.title = `put back what stood in ${state.saved}`;
     at("beside").hidden = !state.beside;
-    if (state.beside && state.beside.path !== before.beside?.path) this.laidBeside(state.beside);
+    if (state.beside && JSON.stringify(state.beside) !== JSON.stringify(before.beside)) this.laidBeside(state.beside);
     at("former").textContent = state.filmed ? "" : "of a former value";
     at("where").textContent = `in ${state.folder}`;
     at("work").hidden = !state.busy;

@@ -5,8 +5,8 @@ import { colourOf, onTheme, theme } from "./theme.js";
 
 export class ComparedReadout {
   /**
-   * @param setRun called with the number of a run and whether it is shown
-   * @param {ComparedData} data @param {Cursor} cursor @param {(run: number, shown: boolean) => void} setRun
+   * @param {ComparedData} data @param {Cursor} cursor
+   * @param {(run: number, shown: boolean) => void} setRun called with the number of a run and whether it is shown
    */
   constructor(data, cursor, setRun) {
     this.data = data;

@@ -7,7 +7,7 @@ const CORNERS = 24; // of a ring
 const EDGE = 0.62; // brightness at the foot of a cap; its top has the colour of the scale
 
 export class Dots {
-  /** @param {RunData} data @param {Frame} frame the middle, from which positions are counted [mm] @param {RunData} data */
+  /** @param {RunData} data @param {Frame} frame the middle, from which positions are counted [mm] */
   constructor(data, frame) {
     this.dots = data.dots;
     const size = RINGS * CORNERS;

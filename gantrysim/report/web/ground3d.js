@@ -21,9 +21,7 @@ export function steps(low, high, step) {
 
 /** A square of the ground a little larger than the bead, with lines at round places. */
 export class Ground {
-  /**
-   * @param {Box3} box of the bead [mm] @param {Frame} frame its middle @param {Box3} box
-   */
+  /** @param {Box3} box of the bead [mm] @param {Frame} frame its middle */
   constructor(box, frame) {
     const wide = Math.max(box.x[1] - box.x[0], box.y[1] - box.y[0]);
     this.step = roundStep(wide / LINES);

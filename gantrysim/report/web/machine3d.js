@@ -26,8 +26,7 @@ const EDGE = 0.17;
 const WIDE = 700; // picture from which on edges have this opacity [pixels]
 const NEEDLE = 0.75; // opacity of the needle, which is small
 
-/** A solid's geometry: kind, three sizes, position, quaternion w, x, y, z and whether it is the needle, see gantrysim/report/space_data.py. */
-/** @param {Solid} solid */
+/** A solid's geometry: kind, three sizes, position, quaternion w, x, y, z and whether it is the needle, see gantrysim/report/space_data.py. @param {Solid} solid */
 function shapeOf([kind, a, b, c]) {
   if (kind === "box") return new BoxGeometry(2 * a, 2 * b, 2 * c);
   if (kind === "ball") return new SphereGeometry(a, SIDES, SIDES / 2);

@@ -7,8 +7,8 @@ const HIDDEN = new Set(["dx", "dy", "distance"]);
 
 export class Readout {
   /**
-   * @param setShown called with the name of a link and whether it is shown
-   * @param {RunData} data @param {Cursor} cursor @param {(name: string, shown: boolean) => void} setShown
+   * @param {RunData} data @param {Cursor} cursor
+   * @param {(name: string, shown: boolean) => void} setShown called with the name of a link and whether it is shown
    */
   constructor(data, cursor, setShown) {
     this.data = data;

@@ -62,10 +62,7 @@ function acrossOf(data, rows, joined) {
 }
 
 export class Ribbon {
-  /**
-   * @param {RunData} data @param {Frame} frame the middle @param {number} extent of the bead [mm]
-   * @param {RunData} data @param {number} extent
-   */
+  /** @param {RunData} data @param {Frame} frame the middle @param {number} extent of the bead [mm] */
   constructor(data, frame, extent) {
     const { rows, joined } = ringsOf(data, extent);
     this.rows = rows;

@@ -29,15 +29,22 @@ export class Space {
       return;
     }
     this.element.append(element("div", { class: "surface", "aria-busy": "true" }));
-    const observer = new IntersectionObserver(
+    this.observer = new IntersectionObserver(
       (entries) => {
         if (!entries.some((entry) => entry.isIntersecting)) return;
-        observer.disconnect();
+        this.observer.disconnect();
         this._show(load, data, cursor);
       },
       { rootMargin: AHEAD },
     );
-    observer.observe(this.element);
+    this.observer.observe(this.element);
+  }
+
+  /** Give up what the view holds of the browser. */
+  remove() {
+    this.removed = true; // its script may still be on the way
+    this.observer?.disconnect();
+    this.view?.remove();
   }
 
   /** Show other data of the run. */
@@ -48,6 +55,7 @@ export class Space {
   /** @param {RunData} data @param {Cursor} cursor @param {() => Promise<typeof import("./view3d.js").View>} load */
   async _show(load, data, cursor) {
     const View = await load();
+    if (this.removed) return;
     this.view = new View(data, cursor);
     this.element.replaceChildren(...this.view.children);
     performance.mark("viewer-3d-ready");

@@ -170,6 +170,7 @@ interface RunView {
   element: HTMLElement;
   map?: PlanMap;
   update(): void;
+  remove?(): void;
 }
 
 type uPlot = import("uplot");
@@ -255,7 +256,7 @@ interface State {
   can_undo: boolean;
   can_redo: boolean;
   kept: boolean;
-  beside: { name: string; path: string; columns: string; period: number | null } | null;
+  beside: { name: string; path: string; version: number; columns: string; period: number | null } | null;
   filmed: boolean;
   saved: string;
   busy: string;

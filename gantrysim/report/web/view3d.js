@@ -104,6 +104,12 @@ export class View {
     this._redraw();
   }
 
+  /** Give the graphics context back: browsers allow few at a time. */
+  remove() {
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
+  }
+
   _rebuild() {
     this.outdated = false;
     const isShown = this.machine.object.visible;
