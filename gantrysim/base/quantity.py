@@ -15,7 +15,10 @@ NOTHING = "–"  # a value that is missing
 MINUS = "−"
 NO_BREAK_SPACE = "\u00a0"
 
-_UNITS = "µm/s|µm|mm/s³|mm/s²|mm/s|mm/min|mm²|mm³/s|mm³|mm|ms|µs|s|Hz|kHz|deg/s²|deg/s|deg|%|N·m|N|V|A|W|bar|rad|rms|kB|MB|kg|g|ppm|ticks?|counts?"
+_UNITS = (
+    "µm/s|µm|mm/s³|mm/s²|mm/s|mm/min|mm²|mm³/s|mm³|mm|ms|µs|s|Hz|kHz|deg/s²|deg/s|deg|%|N·m|N|V|A|W|bar|rad|rms|kB|MB|"
+    "kg|g|ppm|ticks?|counts?"
+)
 _NUMBER = r"[+−-]?\d"
 _NO_BREAK = re.compile(
     rf"(?<=[\d∞]) (?=(?:{_UNITS})(?![\w/]))|(?<=[×±→]) (?={_NUMBER})|(?<=\w) (?== {_NUMBER})|(?<= =) (?={_NUMBER})"
