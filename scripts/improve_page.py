@@ -86,7 +86,7 @@ def caused_by(result: Improvement) -> str:
     phrases = []
     for row in result.verdict.rows:
         if row_burden(row):
-            cause = path_causes(result.base) if row.name == "path" else bound_of(result.base, result.before, row.name)
+            cause = path_causes(result.base) if row.name == "path" else bound_of(result.base, row.name)
             phrases.append(f"{row.name}: {cause}")
     return "; ".join(phrases)
 

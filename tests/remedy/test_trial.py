@@ -26,7 +26,7 @@ AFTER = Verdict((row("path", rms=0.6, most=0.5), row("glue", start=0.95, width=0
 def test_a_gain_is_that_of_the_worst_check_of_each_row():
     """After the change another check of a row may be its worst one."""
     path, glue, machine = gains_of(BEFORE, AFTER)
-    assert path == Gain("path", "size of most", "mm", ".2f", 3.0, 1.0, 1.5, 0.6, "pass")
+    assert path == Gain("path", "size of most", "mm", ".2f", False, 3.0, 1.0, 1.5, 0.6, "pass")
     assert (glue.quantity, glue.before, glue.after) == ("size of width", 1.8, 1.7)
     assert (glue.usage_before, glue.usage_after, glue.state) == (0.9, 0.95, "warn")
     assert (machine.row, machine.quantity) == ("machine", "")
