@@ -72,13 +72,20 @@ def random_values(values: dict[str, RandomValue]) -> str:
     return table(("name", "meaning", "unit", *PRESETS), rows)
 
 
+def folded(listed: Iterable[Entry]) -> str:
+    """Return a table of entries that opens from a line with their names."""
+    shown = list(listed)
+    names = ", ".join(entry.name for entry in shown)
+    return f'<details markdown="1">\n<summary>{len(shown)} entries: {names}</summary>\n\n{entries(shown)}\n</details>\n'
+
+
 def section(name: str) -> str:
     """Return the section of an environment."""
     env = gymnasium.make(f"gantrysim/{name}").unwrapped
     episodes = env._episodes
     source = episodes.source
     settings = env.settings
-    text = f"\n## {name}\n\n### Action\n\n{entries(episodes.actions)}\n### Observation\n\n{entries(episodes.entries)}"
+    text = f"\n## {name}\n\n### Action\n\n{entries(episodes.actions)}\n### Observation\n\n{folded(episodes.entries)}"
     spiral = ((f"`{key}`", *(f"{bound:g}" for bound in settings.between(key))) for key in SPIRAL)
     text += f"\n### Random values\n\n{table(('spiral', 'lowest', 'highest'), spiral)}"
     tolerances = ", ".join(f"{key} {value:g}" for key, value in vars(settings.spread).items())

@@ -68,6 +68,9 @@ that were used. `gantrysim info servo.damping` prints one key, `gantrysim info k
 All keys follow, by table; `python scripts/job_file_page.py` writes this page from the code.
 """
 
+# rows of a table that is not folded
+MOST_OPEN_ROWS = 3
+
 SHARED = """
 ## `[program]`, keys that several controllers have alike
 
@@ -88,10 +91,14 @@ def section(title: str, keys: Iterable[Key]) -> str:
 
 
 def table(keys: Iterable[Key]) -> str:
-    """Return a table of keys."""
+    """Return a table of keys; a long one opens from a line with their names."""
     cells = [(f"`{key.name}`", key.default, " ".join(key.meaning.split()).replace("|", r"\|")) for key in keys]
     rows = [("key", "default", "meaning"), ("---", "---", "---"), *cells]
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    text = "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    if len(cells) <= MOST_OPEN_ROWS:
+        return text
+    names = ", ".join(name.strip("`").rpartition(".")[2] for name, *_ in cells)
+    return f'<details markdown="1">\n<summary>{len(cells)} keys: {names}</summary>\n\n{text}\n</details>\n'
 
 
 def shared(controllers: Mapping[str, Iterable[Key]]) -> dict[tuple[str, ...], list[Key]]:

@@ -22,6 +22,11 @@ def markdown(table: Table) -> str:
     return "\n".join([lines[0], "|" + "|".join(rules) + "|", *lines[1:]])
 
 
+def folded(summary: str, table: Table) -> str:
+    """Return a table that opens from a line."""
+    return f'<details markdown="1">\n<summary>{summary}</summary>\n\n{markdown(table)}\n\n</details>\n\n'
+
+
 def tables(name: str) -> str:
     """Return answer and tables of the study of a job."""
     study = LawsStudy(Job.load(name))
@@ -30,7 +35,9 @@ def tables(name: str) -> str:
     first, second = report.tables
     notes = [note for note in report.details.notes if note.startswith(("Law ", "The last"))]
     return (
-        f"### `{name}`\n\n{report.answer}\n\n{markdown(first)}\n\n{second.caption}\n\n{markdown(second)}\n\n"
+        f"### `{name}`\n\n{report.answer}\n\n"
+        + folded("All laws, with their margins and verdict", first)
+        + folded(second.caption, second)
         + "".join(f"{note}\n" for note in notes)
     )
 

@@ -52,8 +52,15 @@ def rows(model: type[BaseModel]) -> Iterator[str]:
 
 
 def table(listed: Iterable[str]) -> str:
-    """Return a table of rows of keys."""
-    return "| key | default | meaning |\n| --- | --- | --- |\n" + "\n".join(listed) + "\n"
+    """Return a table of rows of keys, which opens from a line with their names."""
+    shown = list(listed)
+    names = ", ".join(row.split("`")[1] for row in shown)
+    return folded(f"keys: {names}", "| key | default | meaning |\n| --- | --- | --- |\n" + "\n".join(shown) + "\n")
+
+
+def folded(summary: str, text: str) -> str:
+    """Return a table that opens from a line."""
+    return f'<details markdown="1">\n<summary>{summary}</summary>\n\n{text}\n</details>\n'
 
 
 def common(*models: type[BaseModel]) -> list[str]:
@@ -88,8 +95,11 @@ def tables() -> str:
         "\n### Motors of the library\n\nNo-load speed and stall torque follow from the other values, at the nominal "
         "voltage. Sources of every number: `gantrysim/machine/design/library.toml`. For an ac servo, K and the "
         "currents are those of its equivalent DC motor, see [how the values are used](#how-the-values-are-used).\n\n"
-        "| motor | kind | V | K [N·m/A] | R [ohm] | no-load [rpm] | stall [N·m] | continuous [N·m] | peak [N·m] "
-        "| rotor [1e-6 kg·m²] |\n" + "| --- " * 10 + "|\n" + "\n".join(motors()) + "\n"
+        + folded(
+            f"{len(motor_names())} motors with their values",
+            "| motor | kind | V | K [N·m/A] | R [ohm] | no-load [rpm] | stall [N·m] | continuous [N·m] | peak [N·m] "
+            "| rotor [1e-6 kg·m²] |\n" + "| --- " * 10 + "|\n" + "\n".join(motors()) + "\n",
+        )
     )
     encoders = ", ".join(f"`{name}` {counts_of(name):g}" for name in encoder_names())
     text += f"\n### Encoders of the library\n\nCounts per revolution, all four edges where incremental: {encoders}.\n"

@@ -79,8 +79,11 @@ def tables() -> str:
     text = ""
     for subject, rooms in SUBJECTS.items():
         files = [file for room in rooms for file in sorted((TESTS / room).rglob("test_*.py"))]
-        rows = "".join(comparison.row for file in files for comparison in marked(file))
-        text += f"\n## {subject}\n\n| what | against | tolerance | test |\n|---|---|---|---|\n{rows}"
+        rows = [comparison.row for file in files for comparison in marked(file)]
+        text += (
+            f'\n## {subject}\n\n<details markdown="1">\n<summary>{len(rows)} comparisons</summary>\n\n'
+            f"| what | against | tolerance | test |\n|---|---|---|---|\n{''.join(rows)}\n</details>\n"
+        )
     return text + "\n"
 
 

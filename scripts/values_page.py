@@ -15,6 +15,8 @@ PAGE = Path(__file__).parent.parent / "docs" / "values.md"
 
 PLACE = re.compile(r"(<!-- written by scripts/values_page.py -->\n).*?(<!-- end -->)", re.DOTALL)
 
+HEADS = ("value", "keys", "unit", "meaning", "Python")
+
 TERMS = """## Terms
 
 | term | meaning |
@@ -39,6 +41,11 @@ def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     lines = [tuple(heads), *map(tuple, rows)]
     lines.insert(1, ("---",) * len(lines[0]))
     return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+
+
+def folded(listed: Iterable[str], text: str) -> str:
+    """Return a table that opens from a line with the names in it."""
+    return f'<details markdown="1">\n<summary>{", ".join(listed)}</summary>\n\n{text}\n</details>\n'
 
 
 def of_x(quantity: Quantity[Any]) -> Quantity[Any]:
@@ -66,8 +73,9 @@ def tables() -> str:
     """Return terms and tables."""
     text = TERMS
     for group in GROUPS:
-        heads = ("value", "keys", "unit", "meaning", "Python")
-        text += f"\n## {group.title}: `{group.name}`\n\n{table(heads, rows(group.quantities, group.code))}"
+        names = (quantity.label for quantity in map(of_x, group.quantities))
+        listed = table(HEADS, rows(group.quantities, group.code))
+        text += f"\n## {group.title}: `{group.name}`\n\n{folded(names, listed)}"
     text += (
         "\nThe cost of faults stands in `summary.json` under `injected`; `losses` is\n"
         "`gantrysim.job.losses.Losses.of(bead, healthy)` of the beads with and without the faults.\n"

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from gantrysim.base.display import table_html
+from gantrysim.base.quantity import number_text
 from gantrysim.servo.axis_dynamics import Friction
 from gantrysim.servo.stability.motion import Motion
 
@@ -125,7 +126,7 @@ def axis_table(title: str, axes: Sequence[Axis]) -> str:
         [
             axis.name,
             axis.unit,
-            f"{axis.travel[0]:g} to {axis.travel[1]:g}",
+            " to ".join(number_text(end, "g") for end in axis.travel),
             f"{axis.peak_torque:.4g}",
             f"{axis.resolution:.4g}",
             f"{axis.inertia:.4g}",

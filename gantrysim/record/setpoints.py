@@ -15,6 +15,7 @@ from gantrysim.base.columns import Column, OptionalColumn, Stored, array_of, blo
 from gantrysim.base.display import Shown, picture_html
 from gantrysim.base.errors import InputError, at_least, check_type, positive, whole_number, wrong_type
 from gantrysim.base.memory import check_ticks
+from gantrysim.base.quantity import number_text
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
 from gantrysim.record.plan_picture import plan_picture
@@ -167,7 +168,10 @@ class Setpoints(Shown):
 
     def facts(self) -> dict[str, str]:
         low, high = (extreme(self.position, axis=0).tolist() for extreme in (np.min, np.max))
-        spans = (f"{name} {a:.5g} to {b:.5g}" for name, a, b in zip(self.axes, low, high, strict=True))
+        spans = (
+            f"{name} {number_text(a, '.5g')} to {number_text(b, '.5g')}"
+            for name, a, b in zip(self.axes, low, high, strict=True)
+        )
         stretches = int(np.count_nonzero(np.diff(self.dispense, prepend=False) & self.dispense))
         count = f"{stretches} stretches" if stretches > 1 else "1 stretch"
         on = f"{np.count_nonzero(self.dispense) * self.period:.4g} s in {count}"
