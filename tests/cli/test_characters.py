@@ -46,7 +46,7 @@ def test_output_in_ascii(tmp_path, arguments):
 def test_bad_input_in_ascii(tmp_path):
     done = command("check", "µ.toml", cwd=tmp_path, **ASCII)
     assert done.returncode == 2
-    assert done.stderr.decode("ascii").startswith("error: unknown job ")
+    assert done.stderr.decode("ascii").startswith("error: job u.toml: no such file; built-in jobs: ")
     assert b"Traceback" not in done.stderr
 
 
