@@ -19,7 +19,7 @@ from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import END_POINT, FOLLOWING
 from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, PartValues
 from gantrysim.report.rows import bead_notes, bead_rows, dot_rows, motion_rows
-from gantrysim.results.dots import DotVerdict
+from gantrysim.results.glue import DotVerdict
 from gantrysim.results.verdict import Verdict
 from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN
 from gantrysim.servo.stability.margins import NO_LOOP, Margins

@@ -11,9 +11,8 @@ from PIL import Image, ImageDraw
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import LINE, font
 from gantrysim.render.telemetry import Telemetry
-from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN, Place
+from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN, Place, Row
 from gantrysim.results.colours import BAD, GOOD, NEAR, RIGHT
-from gantrysim.results.row import Row
 from gantrysim.results.verdict import Verdict
 
 SECONDS = 1.0  # that it is shown

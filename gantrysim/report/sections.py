@@ -35,7 +35,7 @@ from gantrysim.report.plots.spacing import draw_polar_spacing
 from gantrysim.report.plots.style import COLOURS, sheet
 from gantrysim.report.rows import RowTexts, bead_rows, dot_rows, motion_rows, volume_error, volume_parts
 from gantrysim.report.viewer_data import ViewerData
-from gantrysim.results.dots import DotVerdict
+from gantrysim.results.glue import DotVerdict
 from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ from gantrysim.report.encoding import MOST_ROWS, encoded_ascending, encoded_numb
 from gantrysim.report.plots.plan import magnification
 from gantrysim.report.plots.style import COLOURS, DASHES
 from gantrysim.results.checks import FAIL, PASS
-from gantrysim.results.dots import DotVerdict
+from gantrysim.results.glue import DotVerdict
 from gantrysim.results.run_results import RunResults
 
 # What the page's 3-D view needs beside the columns of the viewer: the bead's height and the machine's poses.

@@ -25,9 +25,8 @@ from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run
-from gantrysim.results.checks import PASS, Check
+from gantrysim.results.checks import PASS, Check, Row
 from gantrysim.results.glue import glue_row
-from gantrysim.results.row import Row
 from gantrysim.results.verdict import places_of
 
 TITLE = "values of the glue without one cause at a time"

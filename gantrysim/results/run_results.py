@@ -16,7 +16,7 @@ from gantrysim.job.scatter import Scatter
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.metrics.budget import Budget
-from gantrysim.results.dots import DotVerdict, dot_verdicts
+from gantrysim.results.glue import DotVerdict, dot_verdicts
 from gantrysim.results.glue_causes import GlueCauses
 from gantrysim.results.verdict import Verdict, places_of
 from gantrysim.servo.stability.loops import Margins

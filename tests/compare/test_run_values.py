@@ -17,8 +17,7 @@ from gantrysim.compare.runs.differences import (
     differences_of,
     with_share,
 )
-from gantrysim.results.checks import FAIL, Check
-from gantrysim.results.row import Row
+from gantrysim.results.checks import FAIL, Check, Row
 
 from support.compared import TEXT, circle_job, recorded
 

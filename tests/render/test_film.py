@@ -18,8 +18,8 @@ from gantrysim.render.flight import Sight
 from gantrysim.render.fonts import MUTED, font
 from gantrysim.render.panel import run_colours
 from gantrysim.render.renderer import BEAD
+from gantrysim.results.checks import Row
 from gantrysim.results.colours import INK
-from gantrysim.results.row import Row
 from gantrysim.results.verdict import Verdict
 
 from support.films import SHAPES, cut, shows, small_job
