@@ -37,8 +37,7 @@ def show_run(
     """
     from gantrysim.cli.screen import show_cause, show_change, show_choice, show_verdict
     from gantrysim.report.answer import Answer
-    from gantrysim.report.folder import REPORT, SUMMARY
-    from gantrysim.report.saved import SavedRun
+    from gantrysim.report.folder import REPORT, SUMMARY, SavedRun
 
     names = list(ASPECTS) if aspects == ["all"] else list(aspects or ())
     for name in names:

@@ -21,8 +21,7 @@ from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, PartValues
 from gantrysim.report.rows import bead_notes, bead_rows, dot_rows, motion_rows
 from gantrysim.results.glue import DotVerdict
 from gantrysim.results.verdict import Verdict
-from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN
-from gantrysim.servo.stability.margins import NO_LOOP, Margins
+from gantrysim.servo.stability.margins import GAIN_MARGIN, NO_LOOP, PHASE_MARGIN, Margins
 
 _MB = 1e6
 _SHOWN_REST = 0.01  # time at rest with glue [s]; less is the begin of a bead

@@ -84,7 +84,7 @@ def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None
     from gantrysim.render.scene import Scene
     from gantrysim.render.view.playback import Playback
     from gantrysim.render.view.source import Replay
-    from gantrysim.report.saved import SavedRun
+    from gantrysim.report.folder import SavedRun
 
     saved = SavedRun.load(folder)
     if saved.changed:

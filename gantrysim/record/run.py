@@ -222,7 +222,7 @@ class Run(Shown):
         Raises:
             InputError: the dispenser is never on.
         """
-        from gantrysim.report.plots.overview import overview
+        from gantrysim.report.plots.plan import overview
 
         return overview(self.budget)
 
@@ -319,7 +319,7 @@ class Run(Shown):
 
     @cached_property
     def _html(self) -> str:
-        from gantrysim.report.run_html import run_html
+        from gantrysim.report.notebook import run_html
 
         return run_html(self, super()._repr_html_())
 

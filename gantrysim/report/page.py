@@ -13,9 +13,8 @@ from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.error_quantities import TORQUE_RIPPLE
-from gantrysim.report.answer import Answer, Remedy
+from gantrysim.report.answer import Answer, Changes, Remedy
 from gantrysim.report.causes import causes_section, glue_causes_section
-from gantrysim.report.changes import Changes
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import DrawnPage, draw_page
 from gantrysim.report.figures import Figures, section_name
@@ -39,8 +38,7 @@ from gantrysim.servo.laws import LAW_PARAMETERS
 from gantrysim.servo.laws.selection import Laws, words
 from gantrysim.servo.request import NOTCH
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, MARGINS
-from gantrysim.servo.stability.margins import NO_LOOP, Margins
+from gantrysim.servo.stability.margins import GAIN_MARGIN, MARGINS, NO_LOOP, Margins
 
 # The order of a run's report: what one asks first comes first, details are folded.
 

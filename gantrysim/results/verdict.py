@@ -29,8 +29,7 @@ from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check,
 from gantrysim.results.colours import STATES
 from gantrysim.results.glue import GLUE, PlaceAt, glue_row
 from gantrysim.results.verdict_quantities import LOADS, SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
-from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
-from gantrysim.servo.stability.margins import Margins, margins_of
+from gantrysim.servo.stability.margins import GAIN_MARGIN, SENSITIVITY, Margins, margins_of
 
 PATH = "path"
 STABILITY = "stability"

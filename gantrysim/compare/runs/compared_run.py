@@ -16,8 +16,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import ERROR_SIZES
 from gantrysim.record.run import Run, check_run
-from gantrysim.report.folder import SUMMARY
-from gantrysim.report.saved import SavedRun
+from gantrysim.report.folder import SUMMARY, SavedRun
 from gantrysim.results.run_results import RunResults
 
 FEWEST = 2

@@ -30,10 +30,9 @@ from gantrysim.metrics.parts import PART_COLUMNS
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table, lead_of
 from gantrysim.report.drawn_page import write_page
-from gantrysim.report.folder import Output, output_folder
+from gantrysim.report.folder import Output, SavedRun, output_folder
 from gantrysim.report.plots.plan import plan_extent
 from gantrysim.report.plots.style import view_height
-from gantrysim.report.saved import SavedRun
 from gantrysim.report.sections import drawn_plot
 from gantrysim.results.run_results import RunResults
 

@@ -20,7 +20,7 @@ from gantrysim.render.scene import Scene
 from gantrysim.render.view.chart import Chart
 from gantrysim.render.view.texts import Texts
 from gantrysim.render.view.window import NoDisplayError, ViewerWindow, WindowClosedError, check_display, free_view
-from gantrysim.report.saved import SavedRun
+from gantrysim.report.folder import SavedRun
 from gantrysim.results.colours import MAGNITUDE
 
 from support.films import shows
