@@ -319,7 +319,7 @@ class Run(Shown):
 
     @cached_property
     def _html(self) -> str:
-        from gantrysim.report.notebook import run_html
+        from gantrysim.report.run_html import run_html
 
         return run_html(self, super()._repr_html_())
 

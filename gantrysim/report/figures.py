@@ -1,4 +1,4 @@
-"""The figures of a page's sections as SVG; they may be drawn before the page is complete."""
+"""The figures of a page's sections as SVG elements of HTML; they may be drawn before the page is complete."""
 
 from __future__ import annotations
 

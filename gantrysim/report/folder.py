@@ -1,4 +1,4 @@
-"""The output folder of a command, replaced as a whole, and the files of a run in it."""
+"""The output folder of a command, replaced as a whole: the files of a run in it, and a saved run read back."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import RUN
-from gantrysim.report.answer import Changes
+from gantrysim.report.changes import Changes
 from gantrysim.report.summary import fault_summary, summary
 from gantrysim.results.run_results import RunResults
 

@@ -19,9 +19,8 @@ from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartVa
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.headline import NO_ERROR, contour_sentence
-from gantrysim.report.plots.bead import draw_bead_along
+from gantrysim.report.plots.bead import bead_picture, draw_bead_along
 from gantrysim.report.plots.budget import draw_by_turn, draw_shares
-from gantrysim.report.plots.laid import bead_picture
 from gantrysim.report.plots.pictures import (
     HALF,
     PAGE_COLUMNS,

@@ -1,4 +1,4 @@
-"""Plots of the error budget: the links' parts of the contour error, in total, by turn and along the path."""
+"""Plots of the error budget: the links' parts of the contour error, in total, by turn and along the path; causes."""
 
 from __future__ import annotations
 

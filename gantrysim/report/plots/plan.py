@@ -1,4 +1,4 @@
-"""Plot of the plan view."""
+"""Plot of the plan view, and beside the error budget."""
 
 from __future__ import annotations
 
