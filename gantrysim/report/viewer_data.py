@@ -21,8 +21,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks, by_blocks, extent
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import leaves_plane
+from gantrysim.job.basis import program_lines_at
 from gantrysim.job.job import Job
-from gantrysim.job.lines import program_lines_at
 from gantrysim.job.tolerance import Tolerance
 from gantrysim.machine.outline import Part, Solid, outline
 from gantrysim.metrics.analysis import path_speed

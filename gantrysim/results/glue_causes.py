@@ -21,8 +21,8 @@ from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import cumulated_sums, surface_steps
 from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
 from gantrysim.glue.dispenser.material import Material
+from gantrysim.job.basis import program_lines
 from gantrysim.job.job import Job
-from gantrysim.job.lines import program_lines
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run
 from gantrysim.results.checks import PASS, Check, Row

@@ -7,10 +7,9 @@ from functools import cached_property
 
 from gantrysim.base.errors import InputError
 from gantrysim.glue.bead import Bead, BeadValues
-from gantrysim.job.basis import Basis
+from gantrysim.job.basis import Basis, program_lines
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
-from gantrysim.job.lines import program_lines
 from gantrysim.job.losses import Losses
 from gantrysim.job.scatter import Scatter
 from gantrysim.machine.machine import Machine

@@ -14,8 +14,7 @@ from gantrysim.base.quantity import MAX, P95, number_text
 from gantrysim.engine.recording import dispenser_loads
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.dispenser.driven import Load
-from gantrysim.job.basis import Basis, check_basis
-from gantrysim.job.lines import program_lines
+from gantrysim.job.basis import Basis, check_basis, program_lines
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.job.steps import lost_steps
 from gantrysim.job.tolerance import DEFAULT, GIVEN, Bound, Tolerance
