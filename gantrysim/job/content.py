@@ -15,7 +15,7 @@ import tomli_w
 from pydantic import BaseModel, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from gantrysim.base.errors import InputError, check_type, expanded_path, unknown
-from gantrysim.base.toml_files import validated_model
+from gantrysim.base.input_files import validated_model
 from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.faults import KINDS, AnyFault, InjectedFault

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 from gantrysim.base.errors import InputError, expanded_path, unknown
 from gantrysim.base.files import check_whole
-from gantrysim.base.input_files import check_inside, check_regular
-from gantrysim.base.toml_files import read_text, read_toml, validated_model
+from gantrysim.base.input_files import check_inside, check_regular, read_text, read_toml, validated_model
 from gantrysim.base.user_code import absolute_code, is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.job.code import CONTROLLER, absolute_value

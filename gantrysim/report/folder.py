@@ -12,7 +12,7 @@ from typing import Any
 
 from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.files import check_free, check_whole, held_folder, pending, replaced_files
-from gantrysim.base.toml_files import read_toml
+from gantrysim.base.input_files import read_toml
 from gantrysim.job.basis import Basis
 from gantrysim.job.content import content_digest
 from gantrysim.job.job import Job

@@ -13,7 +13,7 @@ from gantrysim import Run
 from gantrysim.cli.view import view
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.render.view.playback import STIFFNESS
+from gantrysim.render.view.source import STIFFNESS
 from gantrysim.render.view.window import WindowClosedError
 
 from support.views import write_run

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim.base.errors import InputError, expanded_path
-from gantrysim.base.toml_files import read_text
+from gantrysim.base.input_files import read_text
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.package_versions import package_versions
+from gantrysim.base.extras import package_versions
 from gantrysim.compare.runs.compared_run import FEWEST, MOST_RUNS, ComparedRun, names_of_jobs
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.compare.runs.differences import CheckChange

@@ -30,8 +30,8 @@ from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.speeds import with_feed_words, with_flow_words
 from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.valve import Dispense, Outputs, Valve
-from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.chain import Chain
+from gantrysim.paths.feet import assigned_progress
 from gantrysim.paths.pieces import Vector, vector
 from gantrysim.record.setpoints import Setpoints, ticks
 

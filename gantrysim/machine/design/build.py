@@ -13,7 +13,7 @@ from scipy.linalg import eigh, null_space
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.base.toml_files import read_toml
+from gantrysim.base.input_files import read_toml
 from gantrysim.machine.design.arrangements.cartesian import bridge, cantilever, moving_table
 from gantrysim.machine.design.arrangements.coupled import corexy, tandem
 from gantrysim.machine.design.mjcf import Mjcf, TableMjcf

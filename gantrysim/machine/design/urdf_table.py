@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 from pydantic import model_validator
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.toml_files import read_text, read_toml, validated_model
+from gantrysim.base.input_files import read_text, read_toml, validated_model
 from gantrysim.machine.design.settings import Positive, Table, key
 from gantrysim.machine.design.table import Drive, Guides
 

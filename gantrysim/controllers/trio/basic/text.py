@@ -15,8 +15,7 @@ from typing import Any, cast
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.input_files import check_inside
-from gantrysim.base.toml_files import read_text
+from gantrysim.base.input_files import check_inside, read_text
 from gantrysim.controllers.basic.operators import RankedOperator, number_of
 from gantrysim.controllers.basic.statements import with_keywords
 from gantrysim.controllers.trio.basic import words
