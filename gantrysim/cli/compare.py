@@ -70,7 +70,7 @@ _CHECKS = 9  # likewise
 
 def _tables_of_screen(comparison: ComparedRuns) -> Iterator[Table]:
     """Yield the tables of a comparison on one screen."""
-    from gantrysim.compare.runs.runs_tables import budget_cells, check_cells, difference_cells
+    from gantrysim.compare.runs.runs_page import budget_cells, check_cells, difference_cells
 
     heads, keys = difference_cells(comparison)
     if keys:
@@ -89,7 +89,7 @@ def _tables_of_screen(comparison: ComparedRuns) -> Iterator[Table]:
 def comparison_tables(comparison: ComparedRuns) -> list[Table]:
     """Return the tables of a comparison; those without rows are left out."""
     from gantrysim.compare.runs.differences import LARGE_CHANGE
-    from gantrysim.compare.runs.runs_tables import (
+    from gantrysim.compare.runs.runs_page import (
         budget_cells,
         cause_cells,
         check_cells,

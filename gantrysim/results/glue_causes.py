@@ -19,8 +19,8 @@ from gantrysim.base.quantity import NOTHING, number_text
 from gantrysim.engine.recording import dispensed_otherwise
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import cumulated_sums, surface_steps
+from gantrysim.glue.dispenser.command import Material
 from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
-from gantrysim.glue.dispenser.material import Material
 from gantrysim.job.basis import program_lines
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis

@@ -18,7 +18,6 @@ from gantrysim.record.run import Run
 from gantrysim.record.run_file import Fault
 from gantrysim.render.scene import Scene
 
-
 STIFFNESS = 300.0  # of the mouse's spring per mass; MuJoCo's 100 is too weak against a servo [N/(m·kg)]
 
 _CHUNK = 100  # servo ticks between two checks of the clock
