@@ -31,7 +31,7 @@ from .record.run_file import Fault as Fault
 from .record.setpoints import Setpoints as Setpoints
 from .remedy.improve import improve as improve
 from .report import plots as plots
-from .report.saved import SavedRun as SavedRun
+from .report.folder import SavedRun as SavedRun
 from .results.verdict import Verdict as Verdict
 from .servo.laws.user import Tick as Tick
 from .servo.servo import Servo as Servo

@@ -10,8 +10,7 @@ from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.by_place_files import write_by_place
 from gantrysim.remedy.improvement import Improvement
 from gantrysim.remedy.levers import LEVERS
-from gantrysim.results.checks import PASS
-from gantrysim.results.row import Row
+from gantrysim.results.checks import PASS, Row
 from gantrysim.results.score import row_burden
 
 PAGE = Path(__file__).parent.parent / "docs" / "improve.md"

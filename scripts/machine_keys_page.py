@@ -7,11 +7,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from gantrysim.machine.design.accuracy import SCREWS
 from gantrysim.machine.design.library import AcServo, Motor, counts_of, encoder_names, motor_names, motor_of
 from gantrysim.machine.design.table import Drive, Guides, MachineTable, Masses, Slide
 from gantrysim.machine.design.transmission import Belt, Rack, Screw
-from gantrysim.machine.design.urdf_table import UrdfAxis, UrdfNozzle, UrdfTable
+from gantrysim.machine.design.urdf import UrdfAxis, UrdfNozzle, UrdfTable
+from gantrysim.machine.geometry import SCREWS
 
 PAGE = Path(__file__).parent.parent / "docs" / "machines.md"
 PLACE = re.compile(r"(<!-- written by scripts/machine_keys_page.py -->\n).*?(<!-- end -->)", re.DOTALL)

@@ -37,7 +37,7 @@ from gantrysim.base.errors import GantryError, text_of
 from gantrysim.controllers.fanuc.codes import g_codes
 from gantrysim.controllers.gcode.codes import CODES
 from gantrysim.job.job import Job
-from gantrysim.job.recognition import FANUC, LINUXCNC, SLICER, is_gcode, recognised_dialect
+from gantrysim.job.loading import FANUC, LINUXCNC, SLICER, is_gcode, recognised_dialect
 
 SUFFIXES = (".ngc", ".nc", ".gcode", ".g", ".gco", ".cnc", ".tap", ".mpf")
 LIMIT = 60  # of the computing time of a file [s]

@@ -17,8 +17,7 @@ from gantrysim import InputError, Job
 from gantrysim.base import files
 from gantrysim.base.files import NEW, OLD, PARTIAL, READY, SWAP, complete, held_folder, replaced_file, replaced_files
 from gantrysim.exchange.tables import load_record
-from gantrysim.report.folder import STUDY_FILES, output_folder
-from gantrysim.report.saved import SavedRun
+from gantrysim.report.folder import STUDY_FILES, SavedRun, output_folder
 from gantrysim.study import Study
 from gantrysim.study.circle.study import CircleStudy
 from gantrysim.study.laws.study import LawsStudy

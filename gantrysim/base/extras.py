@@ -1,9 +1,11 @@
-"""Packages that are installed on request: those of the extras in pyproject.toml."""
+"""Packages that are installed on request, those of the extras in pyproject.toml; versions that a run depends on."""
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from gantrysim.base.errors import InputError, text_of
@@ -56,3 +58,9 @@ def pandas_frame(method: str, columns: Mapping[str, Any], index: Sequence[str] |
     with extra("tables", method):
         import pandas
     return pandas.DataFrame(dict(columns), index=index)
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages that the numbers of a run depend on, and that of Python, by name."""
+    packages = {name: version(name) for name in ("gantrysim", "mujoco", "numpy", "numba", "scipy")}
+    return {**packages, "python": platform.python_version()}

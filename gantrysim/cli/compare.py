@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from gantrysim.compare.measured import Trace
     from gantrysim.compare.runs.compared_runs import ComparedRuns
     from gantrysim.record.run import Run
-    from gantrysim.report.saved import SavedRun
+    from gantrysim.report.folder import SavedRun
 
 
 # What `gantrysim compare RUN RUN` does: runs beside one another, in tables and a page.
@@ -33,7 +33,7 @@ def compare_folders(folders: Sequence[Path], out: Path, *, is_whole: bool) -> No
     """
     from gantrysim.compare.runs.compared_run import names_of_folders
     from gantrysim.compare.runs.runs_page import OUTPUT, REPORT, SUMMARY, check_number, compare_runs
-    from gantrysim.report.saved import SavedRun
+    from gantrysim.report.folder import SavedRun
 
     check_number(len(folders))
     places = [expanded_path(folder).resolve() for folder in folders]
@@ -70,7 +70,7 @@ _CHECKS = 9  # likewise
 
 def _tables_of_screen(comparison: ComparedRuns) -> Iterator[Table]:
     """Yield the tables of a comparison on one screen."""
-    from gantrysim.compare.runs.runs_tables import budget_cells, check_cells, difference_cells
+    from gantrysim.compare.runs.runs_page import budget_cells, check_cells, difference_cells
 
     heads, keys = difference_cells(comparison)
     if keys:
@@ -89,7 +89,7 @@ def _tables_of_screen(comparison: ComparedRuns) -> Iterator[Table]:
 def comparison_tables(comparison: ComparedRuns) -> list[Table]:
     """Return the tables of a comparison; those without rows are left out."""
     from gantrysim.compare.runs.differences import LARGE_CHANGE
-    from gantrysim.compare.runs.runs_tables import (
+    from gantrysim.compare.runs.runs_page import (
         budget_cells,
         cause_cells,
         check_cells,
@@ -237,8 +237,7 @@ def _compare_log(run: Path, measured: Path, options: Log, folder: Path) -> None:
         save_comparison,
         write_comparison_page,
     )
-    from gantrysim.report.folder import Output, output_folder
-    from gantrysim.report.saved import SavedRun
+    from gantrysim.report.folder import Output, SavedRun, output_folder
 
     saved = SavedRun.load(run)
     trace = _trace(measured, options, saved.run)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from gantrysim.base import memory
 from gantrysim.base.errors import expanded_path, text_of
 from gantrysim.base.extras import MissingPackageError
-from gantrysim.cli.screen import show_cause, show_change, show_choice, show_verdict
 from gantrysim.cli.show import ASPECTS, show_aspect
+from gantrysim.cli.tables import show_cause, show_change, show_choice, show_verdict
 from gantrysim.cli.terminal import count_bar, say, share_bar, stage, warn
 from gantrysim.glue.bead import Bead
 from gantrysim.job.causes import causes_of

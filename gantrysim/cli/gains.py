@@ -92,8 +92,8 @@ def gains(
 
 def _read(job: Job, name: str, file: Path) -> tuple[str, list[str]]:
     """Return the tables that a controller's file gives a job, and notes."""
+    from gantrysim.exchange.dialect import program_lines
     from gantrysim.exchange.gains import dialect, sign_of_velocity_drives
-    from gantrysim.exchange.motion_limits import program_lines
     from gantrysim.exchange.printer_config import PrinterConfig
     from gantrysim.study.tuning.servo import servo_toml
 

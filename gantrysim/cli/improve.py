@@ -174,7 +174,7 @@ def _file_of_job(file: Path) -> Path:
     """Return the file to write a job to, or raise InputError for one that is no job file."""
     import tomllib
 
-    from gantrysim.base.toml_files import read_text
+    from gantrysim.base.input_files import read_text
 
     path = expanded_path(file)
     if path.suffix != _JOB_SUFFIX:

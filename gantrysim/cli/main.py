@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 
 from gantrysim.base import signals
 from gantrysim.base.errors import GantryError, InputError, short_text, shortened_message
-from gantrysim.base.toml_files import one_line
+from gantrysim.base.input_files import one_line
 from gantrysim.cli.check import check
 from gantrysim.cli.compare import compare
 from gantrysim.cli.compile import compile_ahead

@@ -70,7 +70,7 @@ def render(
     from gantrysim.render.encoding import FILMS, film_rate
     from gantrysim.render.film import COUNTS, Film, Take
     from gantrysim.render.header import labels_of
-    from gantrysim.report.saved import SavedRun
+    from gantrysim.report.folder import SavedRun
 
     if len(folders) not in COUNTS:
         raise InputError(f"number of runs = {len(folders)}: must be 1, 2 or 4")

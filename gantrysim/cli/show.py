@@ -35,10 +35,9 @@ def show_run(
 
     Exit status: 0, 2 for bad input.
     """
-    from gantrysim.cli.screen import show_cause, show_change, show_choice, show_verdict
+    from gantrysim.cli.tables import show_cause, show_change, show_choice, show_verdict
     from gantrysim.report.answer import Answer
-    from gantrysim.report.folder import REPORT, SUMMARY
-    from gantrysim.report.saved import SavedRun
+    from gantrysim.report.folder import REPORT, SUMMARY, SavedRun
 
     names = list(ASPECTS) if aspects == ["all"] else list(aspects or ())
     for name in names:
@@ -154,7 +153,7 @@ _OF_RECORD: dict[str, Callable[[RunResults], None]] = {
 
 def show_section(section: Mapping[str, Any]) -> None:
     """Print a section of a page, see `gantrysim.report.document.Section.content`."""
-    from gantrysim.cli.screen import option_lines
+    from gantrysim.cli.tables import option_lines
 
     say(section["title"])
     for paragraph in section["text"]:

@@ -16,7 +16,7 @@ from gantrysim.cli.terminal import FAULT, warn
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
     from gantrysim.record.run_file import Fault
-    from gantrysim.render.view.playback import Playback
+    from gantrysim.render.view.source import Playback
 
 _PLAIN = "plain"  # colour of the bead: `gantrysim.render.colours.PLAIN`, which takes long to import
 
@@ -82,9 +82,8 @@ def _is_saved(shown: str, folder: Path) -> bool:
 
 def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None:
     from gantrysim.render.scene import Scene
-    from gantrysim.render.view.playback import Playback
-    from gantrysim.render.view.source import Replay
-    from gantrysim.report.saved import SavedRun
+    from gantrysim.render.view.source import Playback, Replay
+    from gantrysim.report.folder import SavedRun
 
     saved = SavedRun.load(folder)
     if saved.changed:
@@ -97,8 +96,7 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     from gantrysim.engine.simulation import Simulation
     from gantrysim.render.colours import chosen_colour, scale_for
     from gantrysim.render.scene import Scene
-    from gantrysim.render.view.playback import STIFFNESS, Bodies, Playback
-    from gantrysim.render.view.source import Live
+    from gantrysim.render.view.source import STIFFNESS, Bodies, Live, Playback
 
     simulation = Simulation.of(
         job.built_machine,

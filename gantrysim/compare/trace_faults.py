@@ -151,7 +151,7 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
 
     give the scale 1 + k of each axis, and a clock that runs fast by -c. They are named where they take away half of the
     residual or more; nothing is corrected. At equal places the clock is judged by these, see
-    `gantrysim.compare.timing`, and only what lies across the path counts here.
+    `gantrysim.compare.alignment`, and only what lies across the path counts here.
 
     Raises:
         InputError: a scale so far from 1 that the unit of a column must be another.

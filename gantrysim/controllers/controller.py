@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import Stretches
 from gantrysim.paths.path import Path
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints

@@ -1,11 +1,17 @@
-"""Speeds and set points of the flow inside a program, which is a text or a list of commands."""
+"""Speeds and set points of the flow inside a program, and stretches of its path that can have speeds of their own."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats
+from gantrysim.record.setpoints import Setpoints
 
 _NUMBER = r"\s*\+?([0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
 _DIGITS = 8  # of a number
@@ -143,3 +149,48 @@ def _decimal(number: float) -> str:
     whole = len(str(int(number)))
     text = f"{number:.{max(_DIGITS - whole, 0)}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Consecutive stretches of a program's requested path.
+
+    Attributes:
+        ends: arc length of the requested path at which each stretch ends, ascending, (m,) [mm].
+        places: where the program states the speed of each: a line of its text, or a number of its own, (m,).
+        speeds: programmed path speed of each, 0 where no speed is stated, as for a rapid move, (m,) [mm/s].
+    """
+
+    ends: Floats
+    places: NDArray[np.intp]
+    speeds: Floats
+
+    @classmethod
+    def of(cls, lengths: Sequence[float], places: Sequence[int], speeds: Sequence[float]) -> Stretches:
+        """Return stretches of some lengths [mm]."""
+        return cls(np.cumsum(np.asarray(lengths, float)), np.array(places, np.intp), np.array(speeds, float))
+
+    @classmethod
+    def of_lines(cls, setpoints: Setpoints, lines: NDArray[np.intp], speeds: Mapping[int, float]) -> Stretches:
+        """Return the stretches along which the lines of a text are active.
+
+        Args:
+            setpoints: of the program, with their progress.
+            lines: active at every setpoint, (n,).
+            speeds: stated path speeds by line [mm/s].
+        """
+        assert setpoints.progress is not None
+        last = np.flatnonzero(np.append(np.diff(lines) != 0, True))
+        ends = np.maximum.accumulate(setpoints.progress)[last]
+        ends[-1:] = setpoints.requested.length
+        places = lines[last]
+        return cls(ends, places, np.array([speeds.get(line, 0.0) for line in places.tolist()]))
+
+    def at(self, s: Floats) -> NDArray[np.intp]:
+        """Return the index of the stretch at arc lengths of the requested path, (n,)."""
+        return np.minimum(np.searchsorted(self.ends, s), self.ends.size - 1)
+
+    @property
+    def lengths(self) -> Floats:
+        """Lengths of the stretches, (m,) [mm]."""
+        return np.diff(self.ends, prepend=0.0)

@@ -22,7 +22,7 @@ from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.record.runs import Runs
+from gantrysim.record.run import Runs
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
 

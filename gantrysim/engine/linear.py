@@ -30,8 +30,8 @@ from gantrysim.machine.motors import (
     STRIBECK,
     TIME_CONSTANT,
     activation_slots,
+    driven_joints,
 )
-from gantrysim.machine.springs import driven_joints
 from gantrysim.record.run import Run
 
 # Unit states by which the mechanics is read: powers of two, by which nothing is rounded. A stiff axis that were 1 m off

@@ -16,9 +16,9 @@ from gantrysim.base.memory import check_ticks
 from gantrysim.engine.drives.part import STEPPER
 from gantrysim.engine.injection import faulted_flow, stretches
 from gantrysim.faults import InjectedFault
+from gantrysim.glue.dispenser.command import Material
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.glue.dispenser.driven import Load
-from gantrysim.glue.dispenser.material import Material
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.row import Log
 from gantrysim.record.run import Run

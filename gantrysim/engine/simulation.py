@@ -25,9 +25,8 @@ from gantrysim.faults import InjectedFault
 from gantrysim.faults.checks import check_faults
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.motors import BRISTLE_STIFFNESS, MOTOR_CONSTANT, STRIBECK, activation_slots
+from gantrysim.machine.motors import BRISTLE_STIFFNESS, MOTOR_CONSTANT, STRIBECK, activation_slots, driven_joints
 from gantrysim.machine.row import OVERSPEED, ROW, ROW_NUMBERS, Log
-from gantrysim.machine.springs import driven_joints
 from gantrysim.machine.timing import delay_steps, substeps_of
 from gantrysim.machine.travel import has_no_constraints_but_stops, stops_of
 from gantrysim.record.setpoints import Setpoints, periods

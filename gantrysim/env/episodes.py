@@ -24,7 +24,7 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.tolerances import Tolerances
-from gantrysim.paths.assignment import assigned_progress
+from gantrysim.paths.feet import assigned_progress
 from gantrysim.paths.nearest import Table
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import PointToPoint, Profile

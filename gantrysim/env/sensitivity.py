@@ -14,7 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, gain_factors
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.servo.axis_loop import LARGEST_PEAK
+from gantrysim.servo.derivation import LARGEST_PEAK
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.stability.margins import Plant
 from gantrysim.servo.stability.motion import UnknownLoopError

@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from gantrysim.base.errors import InputError, positive, unknown, whole_number
-from gantrysim.base.toml_files import field_names, one_line
+from gantrysim.base.input_files import field_names, one_line
 from gantrysim.engine.linear import Engine
 from gantrysim.env.ranges import NOMINAL, PRESETS, SHIFTED_TOLERANCES, TRAINING
 from gantrysim.job.job import Job

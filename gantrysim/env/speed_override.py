@@ -30,7 +30,7 @@ from gantrysim.env.track import Commanded, Track, Tracks, command
 from gantrysim.env.vector import PathVectorEnv
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.paths.assignment import assigned_progress
+from gantrysim.paths.feet import assigned_progress
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 

@@ -1,4 +1,4 @@
-"""Base of the dialects of gains: the parameters of one axis, their arithmetic, the text of a file."""
+"""Base of the dialects of gains: the parameters of one axis, their arithmetic, speed limits, the text of a file."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.toml_files import read_text
-from gantrysim.exchange.motion_limits import AxisLimits
+from gantrysim.base.input_files import read_text
 from gantrysim.machine.axis import Axis
 from gantrysim.servo.servo import Servo
 
@@ -271,3 +270,48 @@ def drive_in_words(axis: AxisServo) -> str:
     factor, unit = axis.motor_unit_factor
     time = f", integral time {1e3 * axis.velocity_time:.6g} ms" if axis.velocity_time else ", no integral term"
     return f"velocity mode{scale}, velocity loop of {axis.velocity_gain * factor:.6g} {unit}·s/rad{time}"
+
+
+class AxisLimits(NamedTuple):
+    """Limits of an axis; 0 where they are not known.
+
+    Attributes:
+        name: of the axis, x, y or z.
+        speed: [mm/s].
+        acceleration: [mm/s²].
+        steps: that a position drive gets per travel [1/mm].
+        following_error: at which the drives are disabled [mm].
+    """
+
+    name: str
+    speed: float
+    acceleration: float
+    steps: float = 0.0
+    following_error: float = 0.0
+
+    def in_words(self) -> str:
+        """Return the limits in a line."""
+        parts = [f"{self.speed:.6g} mm/s", f"{self.acceleration:.6g} mm/s²"]
+        if self.steps:
+            parts.append(f"{self.steps:.6g} steps/mm, {1e3 / self.steps:.4g} µm each")
+        if self.following_error:
+            parts.append(f"following error at most {self.following_error:.6g} mm")
+        return f"{self.name}: {', '.join(parts)}"
+
+
+def program_lines(limits: Sequence[AxisLimits], acceleration: float = 0.0) -> list[str]:
+    """Return the table [program] of a job of G-code with the limits of a machine.
+
+    Args:
+        limits: of its axes.
+        acceleration: along the path; 0 for the lowest of the axes, as a job has one for all [mm/s²].
+    """
+    speeds = {limit.name: limit.speed for limit in limits}
+    lowest = min((limit.acceleration for limit in limits if limit.acceleration), default=0.0)
+    lines = ["[program]"]
+    if acceleration or lowest:
+        meaning = "along the path" if acceleration else "the lowest of the axes"
+        lines.append(f"acceleration = {acceleration or lowest!r}  # {meaning} [mm/s²]")
+    of_axes = ", ".join(repr(speeds.get(name) or math.inf) for name in "xyz")
+    lines.append(f"axis_speeds = [{of_axes}]  # x, y, z [mm/s]")
+    return lines

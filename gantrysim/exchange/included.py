@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.toml_files import read_text
+from gantrysim.base.input_files import read_text
 
 # of one configuration; those of real machines have a tenth of these
 _DEEPEST = 16  # inclusions within one another

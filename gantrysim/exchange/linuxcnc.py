@@ -11,9 +11,8 @@ from typing import ClassVar
 
 from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.heads import NUMBER
-from gantrysim.exchange.dialect import AxisServo, Dialect, Word, by_name
+from gantrysim.exchange.dialect import AxisLimits, AxisServo, Dialect, Word, by_name
 from gantrysim.exchange.included import IncludedFiles
-from gantrysim.exchange.motion_limits import AxisLimits
 
 # INI files of LinuxCNC: sections, units, which joint is which axis, and limits of speed and acceleration.
 

@@ -10,8 +10,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from gantrysim.base.errors import InputError, expanded_path
+from gantrysim.exchange.dialect import AxisLimits, program_lines
 from gantrysim.exchange.included import IncludedFiles
-from gantrysim.exchange.motion_limits import AxisLimits, program_lines
 from gantrysim.servo.laws import ADDITIONS, PID
 
 _SECTION = re.compile(r"\[\s*([^\]]+?)\s*\]\s*(?:[#;].*)?")

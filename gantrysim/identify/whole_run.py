@@ -26,11 +26,9 @@ from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel, model_of
 from gantrysim.identify.result import AxisFit
 from gantrysim.identify.sizes import count_words, times_words
-from gantrysim.machine.axis import PER_SI
-from gantrysim.machine.axis_reading import CONSTANT_TORQUE, VISCOUS_DIFFERENCE
+from gantrysim.machine.axis import CONSTANT_TORQUE, PER_SI, VISCOUS_DIFFERENCE
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
-from gantrysim.machine.springs import spring_of
+from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC, spring_of
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
 from gantrysim.record.run import Run

@@ -1,19 +1,27 @@
-"""What a run is judged, reported and filmed by: its job, or for a run without one its rig and default tolerances."""
+"""What a run is judged, reported and filmed by: its job, or for a run without one its rig and default tolerances.
+
+Of a program, the line that is active at a time of the run.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, TypeGuard, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base import memory
+from gantrysim.base.arrays import Floats
 from gantrysim.engine.recording import dispenser_notes
 from gantrysim.engine.rig import Rig
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
-from gantrysim.job.job import check_job
+from gantrysim.job.job import Job, check_job
 from gantrysim.job.margins import machine_notes
 from gantrysim.job.tolerance import Tolerance, ToleranceSettings
 from gantrysim.machine.machine import Machine
@@ -25,6 +33,8 @@ WITHOUT_JOB = (
     "No job: the run was simulated from setpoints in Python. All tolerances, and the shape of the bead, are defaults. "
     "Causes and changes are found, and a [tolerance] is given, in a job: gantrysim.Job.load."
 )
+
+_CONTROLLER_PERIOD = 1e-3  # [s], of the ticks to which controllers round the ends of their moves
 
 
 class Basis(Protocol):
@@ -129,3 +139,48 @@ class RigBasis:
     def limits(self, needle: float, width: float = math.nan) -> Tolerance:
         counts = [axis.resolution for axis in self.rig.machine.axes if axis.unit == "mm"]
         return Tolerance.of(ToleranceSettings(), needle, counts, width)
+
+
+def program_lines(job: Basis, ticks: int) -> Callable[[float], int | None]:
+    """Return a function from a time of the run [s] to the line of the program's text, None where it is not known.
+
+    It is not known for a run that waits for its axes to settle, as waits shift the program against the run, for servo
+    periods to which the controller rounds its moves otherwise, for long runs, whose setpoints are not in memory, nor
+    without a job.
+
+    Args:
+        job: the job.
+        ticks: of its run.
+    """
+    if not _has_lines(job, ticks):
+        return lambda time: None
+    delay = job.start_wait
+
+    def line_at(time: float) -> int | None:
+        return None if time < delay else job.controller.line_at(time - delay)
+
+    return line_at
+
+
+def program_lines_at(job: Basis, ticks: int, times: Floats) -> NDArray[np.intp]:
+    """Return the lines of the program's text at times of the run [s], 0 where they are not known, (n,).
+
+    Args:
+        job: the job.
+        ticks: of its run.
+        times: of its run, (n,) [s].
+    """
+    lines = np.zeros(times.size, np.intp)
+    if _has_lines(job, ticks):
+        delay = job.start_wait
+        begun = times >= delay
+        lines[begun] = job.controller.lines_at(times[begun] - delay)
+    return lines
+
+
+def _has_lines(job: Basis, ticks: int) -> TypeGuard[Job]:
+    """Return whether lines of the program are known by the run's time."""
+    if isinstance(job, RigBasis):
+        return False
+    whole_periods = abs(job.built_servo.period - _CONTROLLER_PERIOD) <= 1e-12
+    return ticks <= memory.LONG_RUN and whole_periods and not cast(Job, job).setpoints.gates.size

@@ -15,13 +15,13 @@ from gantrysim.engine.linear import Engine
 from gantrysim.engine.recording import dispenser_notes
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
+from gantrysim.glue.dispenser.command import output_note
 from gantrysim.glue.dispenser.dispenser import VALVE
-from gantrysim.glue.dispenser.material import output_note
 from gantrysim.job.loaded import LoadedJob
 from gantrysim.job.margins import check_stability, machine_notes, servo_reason
 from gantrysim.job.plan import Plan, check_fit, plan_of
+from gantrysim.job.programs import checked_setpoints
 from gantrysim.job.tolerance import Tolerance, ToleranceSettings
-from gantrysim.job.user_controller import checked_setpoints
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints

@@ -15,12 +15,11 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.bead.section import Section
 from gantrysim.glue.dispenser.needle import Needle
-from gantrysim.job.content import JobContent
+from gantrysim.job.content import Given, JobContent, Request, read_with_overrides
+from gantrysim.job.loading import Recognised
 from gantrysim.job.overrides import settings_of
 from gantrysim.job.plan import check_servo_file
 from gantrysim.job.program_place import fit_changes, share_text
-from gantrysim.job.reading import Given, Request, read_with_overrides
-from gantrysim.job.recognition import Recognised
 from gantrysim.job.settings import (
     FILAMENT,
     GLUE,

@@ -10,7 +10,7 @@ from gantrysim.base.user_code import is_code
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.checks import notes, weights
 from gantrysim.machine.machine import Machine
-from gantrysim.servo.axis_loop import LoopTask
+from gantrysim.servo.derivation import LoopTask
 from gantrysim.servo.laws import PD
 from gantrysim.servo.notch import without_notches
 from gantrysim.servo.request import LOOP_GAINS, SHAPING

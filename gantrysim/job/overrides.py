@@ -9,7 +9,7 @@ from textwrap import shorten
 from typing import Any
 
 from gantrysim.base.errors import InputError, check_type, expanded_path, meant_names, nearest, short_text, wrong_type
-from gantrysim.base.toml_files import toml_content
+from gantrysim.base.input_files import toml_content
 from gantrysim.faults import KINDS
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser

@@ -13,7 +13,7 @@ import tomli_w
 
 from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.files import replaced_file
-from gantrysim.base.toml_files import read_text
+from gantrysim.base.input_files import read_text
 from gantrysim.job.code import is_trusted
 from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs, job_text

@@ -11,7 +11,7 @@ import numpy as np
 
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.files import replaced_file
-from gantrysim.base.toml_files import decoded_text, read_text
+from gantrysim.base.input_files import decoded_text, read_text
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import suffixes
 from gantrysim.tables.binary import binary_reader

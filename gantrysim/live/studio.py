@@ -30,7 +30,7 @@ from gantrysim.report.encoding import MOST_ROWS
 from gantrysim.report.headline import headline
 from gantrysim.report.viewer_data import ViewerData
 from gantrysim.report.writing import write_report
-from gantrysim.results.row import Row
+from gantrysim.results.checks import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict, stability_row
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim.base.errors import GantryError, InputError, positive, unknown
-from gantrysim.base.toml_files import read_toml
+from gantrysim.base.input_files import read_toml
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.live.consent import Code
 from gantrysim.live.controls import OVERRIDE, Control, checked_values

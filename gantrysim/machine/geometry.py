@@ -1,11 +1,13 @@
-"""The geometry of a real machine: errors typical of its accuracy class, and single errors that replace them."""
+"""The geometry of a real machine: errors typical of its accuracy class, and single errors that replace them.
+
+Accuracy classes of ball screws.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
 from gantrysim.base.errors import InputError, at_least, between, unknown
-from gantrysim.machine.design.accuracy import SCREWS
 
 _UM = 1e-3
 PerAxis = float | tuple[float, ...]
@@ -26,6 +28,29 @@ OF_FRAME = {
 LOADS = {"weight": 2, "force": 3}  # on the ram, with the power of its free length by which it bends
 ERRORS = (*OF_SCREWS, *OF_GUIDES, *OF_FRAME)
 _BOUNDS = {"travel_error": 10.0, "periodic_error": 1.0, "play": 5.0}  # of a magnitude; others 10
+
+# band of the travel within 300 mm and within a turn [um]: C* of JIS B 1192, P* and T* of ISO 3408-3, as catalogues
+# print them; grades 7 and 10 have no band within a turn: 12 and 30 are assumptions
+SCREWS = {
+    "C0": (3.5, 3.0),
+    "C1": (5.0, 4.0),
+    "C2": (7.0, 5.0),
+    "C3": (8.0, 6.0),
+    "C5": (18.0, 8.0),
+    "C7": (50.0, 12.0),
+    "C10": (210.0, 30.0),
+    "P0": (3.5, 3.0),
+    "P1": (6.0, 4.0),
+    "P3": (12.0, 6.0),
+    "P5": (23.0, 8.0),
+    "P7": (52.0, 12.0),
+    "T3": (12.0, 6.0),
+    "T5": (23.0, 8.0),
+    "T7": (52.0, 12.0),
+    "T10": (210.0, 30.0),
+}
+
+
 _BOUNDS |= dict.fromkeys(("sag", *BENDING), 5.0)
 _LEAST_VALUES = dict.fromkeys(("play", "periodic_error", "racking"), 0.0)
 

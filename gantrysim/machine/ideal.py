@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from gantrysim.machine.axis_reading import EFFICIENCY
+from gantrysim.machine.axis import EFFICIENCY
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import (
     BRISTLE_DAMPING,

@@ -50,8 +50,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
-from gantrysim.machine.axis import Axis
-from gantrysim.machine.axis_reading import fact
+from gantrysim.machine.axis import Axis, fact
 from gantrysim.machine.geometry import BENDING, ERRORS, LOADS, OF_FRAME, OF_GUIDES, SQUARENESS, Geometry, check_lengths
 
 # Errors of a geometry that a machine can have, a value per column; the others are refused or left out.

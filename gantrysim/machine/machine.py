@@ -17,21 +17,19 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.display import picture_html
 from gantrysim.base.errors import InputError, check_type, expanded_path, unknown, wrong_type
 from gantrysim.base.input_files import check_regular
-from gantrysim.machine.axis import Axis, axis_table
+from gantrysim.machine.axis import Axis, axis_table, element_index, perturbed_axes, read_axes, stated_geometry
 from gantrysim.machine.axis_dynamics import motion_of, with_dynamics
-from gantrysim.machine.axis_reading import element_index, perturbed_axes, read_axes, stated_geometry
-from gantrysim.machine.compiling import compile_mjcf, without_visuals
+from gantrysim.machine.compiling import PhysicsModels, compile_mjcf, digest_of, without_visuals
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.kinematic_errors import KinematicErrors, Levers
 from gantrysim.machine.kinematics import kinematics_of
-from gantrysim.machine.kinematics.frame import check_work_frame
+from gantrysim.machine.kinematics.base import check_work_frame
+from gantrysim.machine.motors import driven_joints
 from gantrysim.machine.perturbation import Perturbation, geometry_factors, perturbed_model
-from gantrysim.machine.physics_models import PhysicsModels, digest_of
 from gantrysim.machine.posing import Posing, checked_position
 from gantrysim.machine.quiet import quiet
 from gantrysim.machine.row import MAX_AXES
 from gantrysim.machine.scheme import scheme
-from gantrysim.machine.springs import driven_joints
 from gantrysim.servo.stability.motion import Motion
 
 # The file of a machine: built-in, MJCF or table.

@@ -17,18 +17,22 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive, unknown_text, wrong_type
-from gantrysim.machine.axis import PER_SI, Axis
-from gantrysim.machine.axis_reading import VISCOUS_DIFFERENCE, facts
-from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, MOTOR_CONSTANT, STATIC, dcmotors
-from gantrysim.machine.quiet import quiet
-from gantrysim.machine.springs import (
+from gantrysim.machine.axis import PER_SI, VISCOUS_DIFFERENCE, Axis, facts
+from gantrysim.machine.motors import (
+    BRISTLE_DAMPING,
+    BRISTLE_STIFFNESS,
+    COULOMB,
+    MOTOR_CONSTANT,
+    STATIC,
     axes_of_tendon,
     axis_above,
+    dcmotors,
     driven_joints,
     elastic_tendons,
     spring_joints,
     wraps_of,
 )
+from gantrysim.machine.quiet import quiet
 
 # one value for all axes, one per axis, or those of some axes by their names; these are kept as pairs
 PerAxis = float | tuple[float, ...] | Mapping[str, float] | tuple[tuple[str, float], ...]

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from gantrysim.machine.axis import PER_SI, Axis
-from gantrysim.machine.axis_reading import fact
+from gantrysim.machine.axis import PER_SI, Axis, fact
 from gantrysim.machine.design.build import modes
 from gantrysim.machine.design.library import Winding, largest_torque
 from gantrysim.machine.machine import Machine

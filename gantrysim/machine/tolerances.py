@@ -12,8 +12,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, unknown, whole_number
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
+from gantrysim.machine.motors import springs_have_axes
 from gantrysim.machine.perturbation import FACTORS, Perturbation
-from gantrysim.machine.springs import springs_have_axes
 
 
 @dataclass(frozen=True)

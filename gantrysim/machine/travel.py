@@ -11,7 +11,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, unknown
 from gantrysim.machine.axis import PER_SI, Axis
-from gantrysim.machine.springs import driven_joints
+from gantrysim.machine.motors import driven_joints
 
 # The stops at the ends of the axes' travel, and models that leave them out for as long as no axis is at one.
 #

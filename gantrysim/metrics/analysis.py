@@ -19,8 +19,7 @@ from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
 from gantrysim.metrics.spacing import Spacing, spacing_of
-from gantrysim.paths.assignment import assigned_progress
-from gantrysim.paths.feet import Projection
+from gantrysim.paths.feet import Projection, assigned_progress
 from gantrysim.record.run import Run, check_run
 
 THOUSANDTH = {"mm": "µm", "deg": "mdeg"}  # unit of an axis' errors, by the axis' own

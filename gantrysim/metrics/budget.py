@@ -23,7 +23,7 @@ with a remainder r of second order, kappa l^2 / 2 for a lag l and a path of curv
 path, at corners too, about which the path's frame turns with it (`gantrysim.paths.corners`); where the foot is an end
 of the path, or a corner at which the path nearly retraces itself, it has a part along the tangent. So the size of
 e(nozzle) is the distance from the path everywhere. What changing legs at such a corner adds is a part of its own and
-belongs to no link (`gantrysim.metrics.links`).
+belongs to no link (`gantrysim.metrics.parts`).
 """
 
 from __future__ import annotations
@@ -41,8 +41,19 @@ from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
 from gantrysim.base.display import table_html
 from gantrysim.base.extras import pandas_frame
 from gantrysim.metrics.analysis import Analysis, ErrorSize, ErrorSpread
-from gantrysim.metrics.links import Trace, largest_link, links, offset_of
-from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, BudgetValues, Part, PartValues, TurnValues
+from gantrysim.metrics.parts import (
+    CORNER,
+    ERROR,
+    PART_COLUMNS,
+    BudgetValues,
+    Part,
+    PartValues,
+    Trace,
+    TurnValues,
+    largest_link,
+    links,
+    offset_of,
+)
 from gantrysim.metrics.spacing import one_way
 from gantrysim.record.run import Run
 
@@ -123,7 +134,7 @@ def _normals(analysis: Analysis, servo: Part, block: slice) -> tuple[Floats, Flo
 #
 # l is the distance of two neighbouring points of the chain from command to nozzle, kappa the curvature of the path at
 # their feet. The first holds for feet that lie on one stretch of the path, and is broken by a foot that is lost; the
-# budget itself then bounds the link, see `gantrysim.metrics.links`, so that the second is broken by a wrong frame
+# budget itself then bounds the link, see `gantrysim.metrics.parts`, so that the second is broken by a wrong frame
 # alone. Whatever the program and the machine, a run satisfies all three; one that does not has been measured wrongly,
 # and neither its errors nor their causes are known.
 
@@ -270,7 +281,7 @@ class Budget:
 
     @property
     def corner(self) -> Part | None:
-        """Contribution of changes of leg of the path, see `gantrysim.metrics.links`; None if it is 0."""
+        """Contribution of changes of leg of the path, see `gantrysim.metrics.parts`; None if it is 0."""
         return self._links[1]
 
     @cached_property

@@ -22,9 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats, LastCall, at_rows, lengths, read_only, read_only_view
 from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
 from gantrysim.base.errors import InputError
-from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.corners import Corners
-from gantrysim.paths.feet import Local, Projection, foot_between
+from gantrysim.paths.feet import Local, Projection, assigned_progress, foot_between
 from gantrysim.paths.nearest import Bends, Table, find_feet, find_furthest, find_starts, find_stretches
 
 # Table of points from which a projection starts: of two stretches of the path the wrong one can be chosen where their
@@ -148,7 +147,7 @@ class Path(ABC):
         Args:
             trace: points in the order of the motion, (n, 3) [mm].
             progress: arc length of the path that each point stands for, ascending, (n,) [mm]; by default as of
-                `gantrysim.paths.assignment`, which takes long.
+                `gantrysim.paths.feet`, which takes long.
         """
         p = _points(trace)
         if progress is None:

@@ -19,6 +19,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, OptionalColumn
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError, expanded_path, wrong_type
+from gantrysim.base.extras import extra
 from gantrysim.base.files import replaced_file
 from gantrysim.base.input_files import opened_file
 from gantrysim.base.progress import Progress
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from gantrysim.metrics.budget import Budget
     from gantrysim.report.notebook import RunView
     from gantrysim.results.verdict import Verdict
+
 
 _LONGEST_REASON = 300  # characters of a damaged text
 
@@ -222,7 +224,7 @@ class Run(Shown):
         Raises:
             InputError: the dispenser is never on.
         """
-        from gantrysim.report.plots.overview import overview
+        from gantrysim.report.plots.plan import overview
 
         return overview(self.budget)
 
@@ -370,3 +372,20 @@ def check_run(value: Any) -> None:
     elif not isinstance(value, type) and callable(getattr(value, "run", None)):  # a job
         advice = "write .run() behind it"
     raise wrong_type("run", value, "a Run", advice)
+
+
+class Runs(list[Run]):
+    """The records of several runs: a list with a table of their figures."""
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a pandas DataFrame with a row per run, in order: its `gantrysim.figures`.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        # before the figures, which take longer
+        with extra("tables", "Runs.to_frame"):
+            import pandas
+        from gantrysim.study.figures import figures
+
+        return pandas.DataFrame([figures(run) for run in self])

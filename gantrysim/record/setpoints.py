@@ -12,17 +12,19 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.columns import Column, OptionalColumn, Stored, array_of, blocks, by_blocks, table_by_blocks
-from gantrysim.base.display import Shown, picture_html
+from gantrysim.base.display import Shown, picture_html, svg_picture
 from gantrysim.base.errors import InputError, at_least, check_type, positive, whole_number, wrong_type
 from gantrysim.base.memory import check_ticks
 from gantrysim.base.quantity import number_text
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
-from gantrysim.record.plan_picture import plan_picture
 
 MAX_TICKS = 50_000_000
 MATERIAL = ("extrusion", "extruder", "analogue")  # columns of what a program asks of the dispenser
 _ROUNDING = 1e-9  # relative, of lengths
+
+_MOST_POINTS = 800  # of a drawn line
+_FAINT = 0.5  # opacity of the path without glue
 
 
 @dataclass(frozen=True)
@@ -382,3 +384,43 @@ def periods(duration: float, period: float) -> int:
     if not count <= MAX_TICKS:
         raise InputError(f"{duration:g} s in periods of {period:g} s: makes {count:.3g} ticks, at most {MAX_TICKS:g}")
     return math.ceil(count)
+
+
+def plan_picture(path: Path, progress: Floats | None, dispense: NDArray[np.bool_]) -> str:
+    """Return a requested path, and over it where the dispenser is on, as an SVG element.
+
+    Positions of axes are no plan view where the work turns: the progress along the path says where glue is laid.
+
+    Args:
+        path: the requested path.
+        progress: arc length along it of each setpoint, (n,) [mm]; None where it is not known.
+        dispense: dispenser command, (n,).
+    """
+    line = _points(path, 0.0, path.length, _MOST_POINTS)
+    low = line.min(axis=0)
+    wide, high = np.maximum(np.ptp(line, axis=0), 1e-3).tolist()
+    pixel = max(wide, high) / 320
+    content = _line(line, pixel, _FAINT)
+    if progress is not None:
+        content += "".join(_line(points, 3 * pixel) for points in _glued_stretches(path, progress, dispense))
+    return svg_picture(content, (*low.tolist(), wide, high), "plan view of the setpoints")
+
+
+def _glued_stretches(path: Path, progress: Floats, dispense: NDArray[np.bool_]) -> Iterator[Floats]:
+    """Yield the points of each stretch of the path that is passed with the dispenser on, (k, 2) [mm]."""
+    edges = np.flatnonzero(np.diff(dispense, prepend=False, append=False)).reshape(-1, 2)
+    for begin, end in edges[:_MOST_POINTS].tolist():
+        first = float(progress[begin])
+        last = float(progress[end - 1])
+        count = 2 + round(_MOST_POINTS * (last - first) / path.length)
+        yield _points(path, first, last, count)
+
+
+def _points(path: Path, first: float, last: float, count: int) -> Floats:
+    return path.position(np.linspace(first, last, count))[:, :2]
+
+
+def _line(points: Floats, width: float, opacity: float = 1.0) -> str:
+    drawn = " ".join(f"{x:.5g},{y:.5g}" for x, y in points.tolist())
+    stroke = f'stroke="currentColor" stroke-opacity="{opacity:g}" stroke-width="{width:.3g}" stroke-linecap="round"'
+    return f'<polyline points="{drawn}" fill="none" {stroke}/>'

@@ -24,7 +24,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, InputError
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import Stretches
 from gantrysim.engine.recording import dispensed_otherwise
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job

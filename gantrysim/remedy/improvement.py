@@ -23,9 +23,8 @@ from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, shown_gains
-from gantrysim.results.checks import FAIL, PASS, Check
+from gantrysim.results.checks import FAIL, PASS, Check, Row
 from gantrysim.results.glue import ploughing_reason, ploughing_remedy
-from gantrysim.results.row import Row
 from gantrysim.results.score import row_burden, usage_of, usages_of
 from gantrysim.results.verdict import Verdict
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import Stretches
 from gantrysim.glue.bead import Bead
 from gantrysim.job.tolerance import Tolerance
 from gantrysim.metrics.analysis import Analysis

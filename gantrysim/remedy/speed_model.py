@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import Stretches
 from gantrysim.remedy.local_usage import EXPONENTS, HALVES, LEVEL, LocalUsage
 from gantrysim.results.checks import NEAR_LIMIT
 

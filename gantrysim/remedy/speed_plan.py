@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import Stretches
 
 _DIGITS = 3  # of a speed
 _HALVINGS = 12

@@ -10,8 +10,7 @@ from typing import Any
 from gantrysim.base.quantity import number_text
 from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.results.checks import PASS, UNJUDGED, Check
-from gantrysim.results.row import Row
+from gantrysim.results.checks import PASS, UNJUDGED, Check, Row
 from gantrysim.results.score import usage_of
 from gantrysim.results.verdict import Verdict
 

@@ -21,8 +21,8 @@ from gantrysim.job.settings import ServoSettings
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import LINE, MUTED, PAPER, Font, font, rgb
 from gantrysim.render.telemetry import Telemetry
+from gantrysim.report.folder import SavedRun
 from gantrysim.report.plots.style import COLOURS
-from gantrysim.report.saved import SavedRun
 from gantrysim.results.colours import FAULT, INK
 from gantrysim.results.verdict import Verdict
 

@@ -12,10 +12,9 @@ from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import NOZZLE, Machine
 from gantrysim.record.run import Run
 from gantrysim.render.antialiasing import smoothed_picture
+from gantrysim.render.camera import FIELD_OF_VIEW, Flight, Framing, View
 from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
-from gantrysim.render.flight import Flight, View
-from gantrysim.render.framing import FIELD_OF_VIEW, Framing
 from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen_context
 from gantrysim.render.scene import GLOSS, Scene
 

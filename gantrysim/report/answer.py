@@ -7,9 +7,8 @@ import time
 from dataclasses import dataclass
 
 from gantrysim.report.headline import cause_sentences, glue_sentences, headline
-from gantrysim.results.checks import PASS
+from gantrysim.results.checks import PASS, Row
 from gantrysim.results.glue import ploughing_remedy
-from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import GLUE, PATH
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from gantrysim.base.files import replaced_file
 from gantrysim.base.quantity import joined
 from gantrysim.report.answer import Answer, written_on
-from gantrysim.report.plots.laid import draw_laid
+from gantrysim.report.plots.bead import draw_laid
 from gantrysim.report.plots.style import common_style, sheet
 from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN
 from gantrysim.results.colours import INK, SOFT, STATES

@@ -10,7 +10,7 @@ from gantrysim.job.causes import CELL_FORM, Causes, Errors
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.headline import glue_cause_sentences
-from gantrysim.report.plots.causes import draw_causes
+from gantrysim.report.plots.budget import draw_causes
 from gantrysim.report.sections import drawn_plot
 from gantrysim.results.checks import finite
 from gantrysim.results.glue_causes import GlueCauses

@@ -11,9 +11,9 @@ from gantrysim.job.causes import Causes
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, LAG
+from gantrysim.results.checks import Row
 from gantrysim.results.glue import THROUGH_GLUE
 from gantrysim.results.glue_causes import GlueCauses
-from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import GLUE, PATH
 from gantrysim.results.verdict_quantities import PLOUGHED

@@ -19,7 +19,7 @@ from gantrysim.report.changes import Changes
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import DrawnPage, draw_page
 from gantrysim.report.figures import Figures, section_name
-from gantrysim.report.plots.laid import draw_laid
+from gantrysim.report.plots.bead import draw_laid
 from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
     bead_section,
@@ -39,8 +39,7 @@ from gantrysim.servo.laws import LAW_PARAMETERS
 from gantrysim.servo.laws.selection import Laws, words
 from gantrysim.servo.request import NOTCH
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, MARGINS
-from gantrysim.servo.stability.margins import NO_LOOP, Margins
+from gantrysim.servo.stability.margins import GAIN_MARGIN, MARGINS, NO_LOOP, Margins
 
 # The order of a run's report: what one asks first comes first, details are folded.
 

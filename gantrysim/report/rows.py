@@ -28,7 +28,7 @@ from gantrysim.glue.bead.values import (
 )
 from gantrysim.metrics.analysis import Analysis, Range
 from gantrysim.metrics.error_quantities import DURATION, PATH_LENGTH, REQUESTED_SPACING, SPACING, SPEED
-from gantrysim.results.dots import DotVerdict
+from gantrysim.results.glue import DotVerdict
 
 RowTexts = tuple[str, str, str]
 

@@ -9,7 +9,7 @@ from gantrysim.base import memory
 from gantrysim.base.display import picture_html
 from gantrysim.glue.bead import Bead
 from gantrysim.record.run import Run
-from gantrysim.report.plots.laid import draw_laid
+from gantrysim.report.plots.bead import draw_laid
 from gantrysim.report.plots.style import common_style, sheet
 from gantrysim.results.run_results import RunResults
 

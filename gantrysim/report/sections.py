@@ -19,9 +19,8 @@ from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartVa
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.headline import NO_ERROR, contour_sentence
-from gantrysim.report.plots.bead import draw_bead_along
+from gantrysim.report.plots.bead import bead_picture, draw_bead_along
 from gantrysim.report.plots.budget import draw_by_turn, draw_shares
-from gantrysim.report.plots.laid import bead_picture
 from gantrysim.report.plots.pictures import (
     HALF,
     PAGE_COLUMNS,
@@ -35,7 +34,7 @@ from gantrysim.report.plots.spacing import draw_polar_spacing
 from gantrysim.report.plots.style import COLOURS, sheet
 from gantrysim.report.rows import RowTexts, bead_rows, dot_rows, motion_rows, volume_error, volume_parts
 from gantrysim.report.viewer_data import ViewerData
-from gantrysim.results.dots import DotVerdict
+from gantrysim.results.glue import DotVerdict
 from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:

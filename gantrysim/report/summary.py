@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
-from gantrysim.base.package_versions import package_versions
+from gantrysim.base.extras import package_versions
 from gantrysim.base.quantity import contents
 from gantrysim.job.basis import Basis
 from gantrysim.job.losses import happened_events

@@ -21,8 +21,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks, by_blocks, extent
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import leaves_plane
+from gantrysim.job.basis import program_lines_at
 from gantrysim.job.job import Job
-from gantrysim.job.lines import program_lines_at
 from gantrysim.job.tolerance import Tolerance
 from gantrysim.machine.outline import Part, Solid, outline
 from gantrysim.metrics.analysis import path_speed
@@ -33,7 +33,7 @@ from gantrysim.report.encoding import MOST_ROWS, encoded_ascending, encoded_numb
 from gantrysim.report.plots.plan import magnification
 from gantrysim.report.plots.style import COLOURS, DASHES
 from gantrysim.results.checks import FAIL, PASS
-from gantrysim.results.dots import DotVerdict
+from gantrysim.results.glue import DotVerdict
 from gantrysim.results.run_results import RunResults
 
 # What the page's 3-D view needs beside the columns of the viewer: the bead's height and the machine's poses.

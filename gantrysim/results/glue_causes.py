@@ -19,15 +19,14 @@ from gantrysim.base.quantity import NOTHING, number_text
 from gantrysim.engine.recording import dispensed_otherwise
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import cumulated_sums, surface_steps
+from gantrysim.glue.dispenser.command import Material
 from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
-from gantrysim.glue.dispenser.material import Material
+from gantrysim.job.basis import program_lines
 from gantrysim.job.job import Job
-from gantrysim.job.lines import program_lines
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run
-from gantrysim.results.checks import PASS, Check
+from gantrysim.results.checks import PASS, Check, Row
 from gantrysim.results.glue import glue_row
-from gantrysim.results.row import Row
 from gantrysim.results.verdict import places_of
 
 TITLE = "values of the glue without one cause at a time"

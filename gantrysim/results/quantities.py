@@ -15,7 +15,7 @@ from gantrysim.glue.bead.values import BEAD
 from gantrysim.job.losses import LOSSES
 from gantrysim.metrics.error_quantities import ERRORS, MOTION, TORQUE_RIPPLE, of_axes
 from gantrysim.results.run_results import AxisLoop, RunResults
-from gantrysim.servo.stability.margin_quantities import MARGINS
+from gantrysim.servo.stability.margins import MARGINS
 
 TORQUE_RIPPLE_PERCENT = Quantity[AxisLoop](
     "torque_ripple",

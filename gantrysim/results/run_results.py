@@ -7,16 +7,15 @@ from functools import cached_property
 
 from gantrysim.base.errors import InputError
 from gantrysim.glue.bead import Bead, BeadValues
-from gantrysim.job.basis import Basis
+from gantrysim.job.basis import Basis, program_lines
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
-from gantrysim.job.lines import program_lines
 from gantrysim.job.losses import Losses
 from gantrysim.job.scatter import Scatter
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.metrics.budget import Budget
-from gantrysim.results.dots import DotVerdict, dot_verdicts
+from gantrysim.results.glue import DotVerdict, dot_verdicts
 from gantrysim.results.glue_causes import GlueCauses
 from gantrysim.results.verdict import Verdict, places_of
 from gantrysim.servo.stability.loops import Margins

@@ -17,8 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from gantrysim.results.checks import FAIL, NEAR_LIMIT
-from gantrysim.results.row import Row
+from gantrysim.results.checks import FAIL, NEAR_LIMIT, Row
 from gantrysim.results.verdict import Verdict
 
 CAP = 1000.0  # of a usage

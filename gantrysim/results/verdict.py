@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,7 @@ from gantrysim.base.quantity import MAX, P95, number_text
 from gantrysim.engine.recording import dispenser_loads
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.dispenser.driven import Load
-from gantrysim.job.basis import Basis, check_basis
-from gantrysim.job.lines import program_lines
+from gantrysim.job.basis import Basis, check_basis, program_lines
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.job.steps import lost_steps
 from gantrysim.job.tolerance import DEFAULT, GIVEN, Bound, Tolerance
@@ -24,21 +24,19 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.metrics.parts import PartValues
 from gantrysim.record.run import Run, check_run
-from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, worst
-from gantrysim.results.glue import GLUE, glue_row
-from gantrysim.results.row import Row
-from gantrysim.results.verdict_html import verdict_html
+from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, Row, worst
+from gantrysim.results.colours import STATES
+from gantrysim.results.glue import GLUE, PlaceAt, glue_row
 from gantrysim.results.verdict_quantities import LOADS, SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
-from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
-from gantrysim.servo.stability.margins import Margins, margins_of
+from gantrysim.servo.stability.margins import GAIN_MARGIN, SENSITIVITY, Margins, margins_of
 
 PATH = "path"
 STABILITY = "stability"
 MACHINE = "machine"
 
 _FAULT_REMARK = "the run ended in a fault"
-
-PlaceAt = Callable[[int], Place]
+# style of a cell of the table in HTML
+_CELL = "text-align:left;padding:2px 8px"
 
 
 @dataclass(frozen=True, repr=False)
@@ -335,3 +333,20 @@ def _reserve(values: np.ndarray, limit: float) -> tuple[float, int]:
     """Return the unused share of a limit [%], and the tick of the largest value."""
     tick = int(np.abs(values).argmax())
     return 100 * (1 - abs(float(values[tick])) / limit), tick
+
+
+def verdict_html(headline: str, rows: Sequence[Row]) -> str:
+    """Return the verdict as a table in HTML: shape, word and colour of each row, and its worst value with the limit."""
+    lines = "".join(
+        f"<tr><td>{_badge(row.state)}</td>"
+        f'<th style="{_CELL}">{escape(row.name)}</th><td style="{_CELL}">{escape(next(iter(row.texts), ""))}</td></tr>'
+        for row in rows
+    )
+    title = f'<caption style="text-align:left;font-weight:bold">verdict {escape(headline)}</caption>'
+    return f"<table>{title}{lines}</table>"
+
+
+def _badge(state: str) -> str:
+    """Return a state as its shape and word on its colour, which stands on any background."""
+    style = f"background:{STATES[state]};color:#fff;padding:1px 7px;border-radius:3px;white-space:nowrap"
+    return f'<span style="{style}">{SYMBOLS[state]} {escape(state)}</span>'

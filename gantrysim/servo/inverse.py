@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.base.arrays import Complexes, Floats
-from gantrysim.servo.laws.linear import base_response
 from gantrysim.servo.laws.pid import terms
+from gantrysim.servo.laws.selection import base_response
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.stability.compensator import Compensator
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from gantrysim.base.errors import InputError
-from gantrysim.servo.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN
-from gantrysim.servo.derivation import NoLoopError, natural_frequency
+from gantrysim.servo.derivation import LARGEST_PEAK, LEAST_GAIN_MARGIN, NoLoopError, natural_frequency
 from gantrysim.servo.drive_settings import LOOPS
 from gantrysim.servo.laws import ADDITIONS, P_PI, PID
 from gantrysim.servo.request import LARGEST_BANDWIDTH, Parts, ServoRequest

@@ -20,7 +20,7 @@ from gantrysim.base.errors import (
     wrong_type,
 )
 from gantrysim.servo.axis_dynamics import AxisDynamics, Lags
-from gantrysim.servo.axis_loop import LoopTask
+from gantrysim.servo.derivation import LoopTask
 from gantrysim.servo.drive_settings import (
     DRIVE,
     DRIVE_PERIOD,

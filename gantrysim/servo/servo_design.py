@@ -12,22 +12,26 @@ import numpy as np
 from gantrysim.base.errors import InputError, positive
 from gantrysim.servo import notch
 from gantrysim.servo.axis_dynamics import AxisDynamics, Lags, coupled_groups
-from gantrysim.servo.axis_loop import (
+from gantrysim.servo.derivation import (
     LARGEST_PEAK,
     LEAST_GAIN_MARGIN,
+    Loop,
     LoopTask,
+    NoLoopError,
     are_kept,
+    derived_laws,
     keeps_margins,
+    loop,
     margin_in_words,
+    natural_frequency,
+    nominal_motions,
     pd_gains,
 )
-from gantrysim.servo.derivation import Loop, NoLoopError, derived_laws, loop, natural_frequency, nominal_motions
 from gantrysim.servo.drive_settings import DriveSettings
 from gantrysim.servo.gains import GAIN_NAMES, Gains
 from gantrysim.servo.laws import PD, PID
-from gantrysim.servo.laws.linear import added_laws, base_law
 from gantrysim.servo.laws.pid import compensator
-from gantrysim.servo.laws.selection import Laws
+from gantrysim.servo.laws.selection import Laws, added_laws, base_law
 from gantrysim.servo.notch import Notch
 from gantrysim.servo.request import Parts, ServoRequest, law_values, per_axis
 from gantrysim.servo.stability import margins as stability

@@ -23,7 +23,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import ERRORS, MOTION, of_axes
 from gantrysim.record.run import Run
 from gantrysim.results.checks import Check
-from gantrysim.results.row import Row as Aspect
+from gantrysim.results.checks import Row as Aspect
 from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY, Verdict
 
 # The verdict on a run as columns of a study's row.

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gantrysim.base.errors import GantryError, InputError
-from gantrysim.base.package_versions import package_versions
+from gantrysim.base.extras import package_versions
 from gantrysim.study.cases import Case, Row, forget_jobs, machine_digest
 
 MeasureTogether = Callable[[Sequence[Case]], Sequence[Row]]  # one row per case, in order

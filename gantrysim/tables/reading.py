@@ -11,8 +11,7 @@ import numpy as np
 
 from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.base.heads import NUMBER
-from gantrysim.base.input_files import opened_file
-from gantrysim.base.toml_files import read_text
+from gantrysim.base.input_files import opened_file, read_text
 from gantrysim.tables.binary import binary_reader
 from gantrysim.tables.column_table import ColumnTable, numbered_columns
 from gantrysim.tables.text_table import BLANKS, Dialect, TextTable

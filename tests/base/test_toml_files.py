@@ -3,7 +3,7 @@
 import pytest
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from gantrysim.base.toml_files import one_line
+from gantrysim.base.input_files import one_line
 
 
 class Settings(BaseModel):

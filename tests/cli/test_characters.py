@@ -84,7 +84,7 @@ def test_a_job_without_an_end(gantrysim_command):
 
 
 def test_a_job_that_is_too_long(gantrysim_command, monkeypatch, tmp_path):
-    monkeypatch.setattr("gantrysim.base.toml_files._MOST_BYTES", 1 << 16)
+    monkeypatch.setattr("gantrysim.base.input_files._MOST_BYTES", 1 << 16)
     (tmp_path / "long.toml").write_bytes(b"#" * 70_000)
     status, _, errors = gantrysim_command("check", tmp_path / "long.toml")
     assert (status, errors) == (2, f"error: job {tmp_path}/long.toml: is longer than 6.55e+04 bytes\n")

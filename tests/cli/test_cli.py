@@ -31,8 +31,8 @@ from gantrysim.cli.tables import outcome_table
 from gantrysim.cli.terminal import interruptible
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS, Budget
+from gantrysim.report.folder import SavedRun
 from gantrysim.report.plots import pictures
-from gantrysim.report.saved import SavedRun
 from gantrysim.report.summary import summary
 from gantrysim.results.quantities import ERROR_GROUP
 from gantrysim.results.run_results import RunResults

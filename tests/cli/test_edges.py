@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job, Machine, Run
-from gantrysim.base.toml_files import read_text
+from gantrysim.base.input_files import read_text
 from gantrysim.cli import study, terminal
 from gantrysim.report.document import Table
 from gantrysim.report.plots.style import sheet

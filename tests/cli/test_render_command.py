@@ -18,8 +18,8 @@ from gantrysim.cli.render import size_of
 from gantrysim.render import Film, Take
 from gantrysim.render.header import labels_of
 from gantrysim.render.panel import run_colours
+from gantrysim.report.folder import SavedRun
 from gantrysim.report.plots.style import INK
-from gantrysim.report.saved import SavedRun
 
 from support.films import cut, saved, shows, small_job
 

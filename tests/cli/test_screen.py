@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gantrysim import Job
-from gantrysim.cli import screen, terminal
+from gantrysim.cli import tables, terminal
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.report.answer import Answer, AnswerRow
 
@@ -24,10 +24,10 @@ def shown(name, width, monkeypatch, capsys):
     saved = ANSWERS[name]
     monkeypatch.setenv("COLUMNS", str(width))
     answer = Answer(saved["state"], saved["headline"], tuple(AnswerRow(*row) for row in saved["rows"]))
-    screen.show_verdict(answer)
-    screen.show_cause(answer, saved["cause"])
+    tables.show_verdict(answer)
+    tables.show_cause(answer, saved["cause"])
     if saved["changes"] is not None:
-        screen.show_change(saved["changes"], f"out/{name}")
+        tables.show_change(saved["changes"], f"out/{name}")
     return capsys.readouterr().out
 
 
@@ -47,7 +47,7 @@ def test_every_built_in_job_has_a_saved_answer():
 def test_a_run_ends_on_one_screen_whose_words_and_units_are_whole(name, width, monkeypatch, capsys):
     text = shown(name, width, monkeypatch, capsys)
     lines = text.splitlines()
-    assert len(lines) + AFTER <= screen.LONGEST
+    assert len(lines) + AFTER <= tables.LONGEST
     assert max(map(len, lines)) <= width
     assert all(line == line.rstrip() for line in lines)
     words = {word.rstrip(":") for word in text.split()} | set(text.split())
@@ -79,7 +79,7 @@ def test_the_command_prints_one_screen(width, gantrysim_command, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     for name in builtin_jobs():
         _, printed, _ = gantrysim_command("run", name, "--no-video")
-        assert len(printed.splitlines()) <= screen.LONGEST, name
+        assert len(printed.splitlines()) <= tables.LONGEST, name
         assert "change " in printed or Job.load(name).run().verdict.state == "pass"
 
 
@@ -143,10 +143,10 @@ def test_what_was_chosen_for_a_program_alone_is_told_in_a_few_words(tmp_path, mo
     monkeypatch.setenv("COLUMNS", "120")
     (tmp_path / "part.ngc").write_text("G21 G90\nF600\nG1 X20\nG1 Y20\nM2\n")
     job = Job.load(tmp_path / "part.ngc")
-    screen.show_choice(job.notes, "out/part")
+    tables.show_choice(job.notes, "out/part")
     (line,) = capsys.readouterr().out.splitlines()
     assert line.startswith("chosen   machine xy; ")
     assert f"; glue {job.dispenser.area:g} mm² times path speed; " in line
     assert line.endswith(": gantrysim show out/part notes")
-    screen.show_choice(Job.load("an225").notes, "out/an225")  # which gives all that it needs
+    tables.show_choice(Job.load("an225").notes, "out/an225")  # which gives all that it needs
     assert capsys.readouterr().out == ""

@@ -13,7 +13,7 @@ from gantrysim import Run
 from gantrysim.cli.view import view
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.render.view.playback import STIFFNESS
+from gantrysim.render.view.source import STIFFNESS
 from gantrysim.render.view.window import WindowClosedError
 
 from support.views import write_run
@@ -38,7 +38,7 @@ def display(monkeypatch):
 
 def test_nothing_is_simulated_without_a_display(saved, no_display, monkeypatch, gantrysim_command):
     monkeypatch.setattr(Job, "load", lambda *_: pytest.fail("a job was loaded"))
-    monkeypatch.setattr("gantrysim.report.saved.SavedRun.load", lambda *_: pytest.fail("a run was loaded"))
+    monkeypatch.setattr("gantrysim.report.folder.SavedRun.load", lambda *_: pytest.fail("a run was loaded"))
     for shown in ("an225", saved):
         status, out, err = gantrysim_command("view", shown)
         assert (status, out) == (2, "")

@@ -7,8 +7,8 @@ import pytest
 
 from gantrysim import Verdict
 from gantrysim.base.quantity import Quantity
-from gantrysim.compare.runs.answer import answer, best_of, is_better, ranks_of
 from gantrysim.compare.runs.compared_run import ComparedRun
+from gantrysim.compare.runs.compared_runs import answer, best_of, is_better, ranks_of
 from gantrysim.compare.runs.differences import (
     CheckChange,
     JobDifference,
@@ -17,8 +17,7 @@ from gantrysim.compare.runs.differences import (
     differences_of,
     with_share,
 )
-from gantrysim.results.checks import FAIL, Check
-from gantrysim.results.row import Row
+from gantrysim.results.checks import FAIL, Check, Row
 
 from support.compared import TEXT, circle_job, recorded
 

@@ -12,14 +12,13 @@ from matplotlib.figure import Figure
 from gantrysim import Fault, InputError, Job, SavedRun
 from gantrysim.cli import terminal
 from gantrysim.cli.compare import comparison_tables
-from gantrysim.compare.runs.answer import _losses
 from gantrysim.compare.runs.common_path import Track, parting_of
 from gantrysim.compare.runs.compared_run import names_of_folders, names_of_jobs
+from gantrysim.compare.runs.compared_runs import _losses
 from gantrysim.compare.runs.differences import CheckChange
 from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.compare.runs.overlays import draw_compared_budgets, draw_overlaid_errors
-from gantrysim.compare.runs.runs_page import compare_runs, run_sections
-from gantrysim.compare.runs.runs_tables import budget_cells, value_cells
+from gantrysim.compare.runs.runs_page import budget_cells, compare_runs, run_sections, value_cells
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.report.folder import output_folder, write_run
 from gantrysim.results.checks import Check

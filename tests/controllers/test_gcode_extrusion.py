@@ -11,7 +11,7 @@ from scipy.integrate import quad
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.slicer import Program
-from gantrysim.glue.dispenser.material import Material
+from gantrysim.glue.dispenser.command import Material
 
 SIDE = 40.0  # of the square [mm]
 FEED = 50.0  # [mm/s]

@@ -7,9 +7,9 @@ import pytest
 from scipy.interpolate import BSpline
 
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.gcode.curves import Nurbs
 from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.controllers.gcode.move_table import END
-from gantrysim.controllers.gcode.splines import Nurbs
 
 CHORD = 1e-3  # [mm]
 

@@ -11,9 +11,8 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.sequence import GRAMMAR as FANUC
 from gantrysim.controllers.gcode.lines import GRAMMAR as LINUXCNC
 from gantrysim.controllers.macro import order
-from gantrysim.controllers.macro.grammar import OPERATORS, BinaryOperator, Grammar
 from gantrysim.controllers.macro.order import END, Flow, Places
-from gantrysim.controllers.macro.scanner import Scanner
+from gantrysim.controllers.macro.scanner import OPERATORS, BinaryOperator, Grammar, Scanner
 from gantrysim.controllers.macro.variables import Numbering, Parameters
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import gantrysim
-from gantrysim.controllers.softmc.basic.statement_table import BLOCKS, COMMANDS
+from gantrysim.controllers.softmc.basic.syntax import BLOCKS, COMMANDS
 from gantrysim.controllers.trio.basic import commands
-from gantrysim.controllers.trio.basic.statement_table import STATEMENTS
+from gantrysim.controllers.trio.basic.text import STATEMENTS
 
 PACKAGE = Path(gantrysim.__file__).parent
 CORE = PACKAGE / "controllers" / "basic"
@@ -85,7 +85,7 @@ def _copied_if_there(source, target):
     ("dialect", "file", "function"),
     [
         ("trio", "controllers/trio/basic/commands.py", TRIO),
-        ("softmc", "controllers/softmc/basic/motion.py", SOFTMC),
+        ("softmc", "controllers/softmc/basic/commands.py", SOFTMC),
     ],
 )
 def test_a_command_is_added_by_one_function_in_one_file(fresh, tmp_path, dialect, file, function):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Machine, Perturbation, Servo, simulate
-from gantrysim.machine.axis_reading import CONSTANT_TORQUE, VISCOUS_DIFFERENCE
+from gantrysim.machine.axis import CONSTANT_TORQUE, VISCOUS_DIFFERENCE
 from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
 from gantrysim.machine.sizing import Sizing
 from gantrysim.record.setpoints import Setpoints

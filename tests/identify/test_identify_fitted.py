@@ -8,7 +8,7 @@ import pytest
 from gantrysim import InputError, Machine
 from gantrysim.identify.model import model_of
 from gantrysim.identify.whole_run import fitted_machine
-from gantrysim.machine.springs import spring_of
+from gantrysim.machine.motors import spring_of
 
 # factors on the nominal values
 CHANGED = {"inertia": 1.15, "share": 0.9, "stiffness": 0.7, "damping": 1.4, "viscous": 1.3, "coulomb": 1.2}

@@ -12,7 +12,7 @@ from gantrysim.identify.model import model_of
 from gantrysim.identify.pieces import bounds, gradient, inside, longest_piece, smoothed
 from gantrysim.identify.torque_regression import NAMES, TorqueRegression
 from gantrysim.identify.whole_run import fitted_machine, whole_run
-from gantrysim.machine.axis_reading import VISCOUS_DIFFERENCE, facts
+from gantrysim.machine.axis import VISCOUS_DIFFERENCE, facts
 
 from support.identification_logs import AXIS, MACHINE, confidently_wrong, random_log
 

@@ -9,7 +9,7 @@ import pytest
 from gantrysim import InputError, Job
 from gantrysim.cli import study as study_commands
 from gantrysim.cli import tune as tune_command
-from gantrysim.report.saved import SavedRun
+from gantrysim.report.folder import SavedRun
 from gantrysim.study import Case
 
 from support import own_laws

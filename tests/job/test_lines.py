@@ -7,7 +7,7 @@ import pytest
 
 from gantrysim import Job
 from gantrysim.base import memory
-from gantrysim.job.lines import program_lines, program_lines_at
+from gantrysim.job.basis import program_lines, program_lines_at
 
 TICKS = 1000
 

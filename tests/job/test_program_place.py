@@ -7,7 +7,7 @@ import pytest
 
 from gantrysim import InputError, Job
 from gantrysim.job.loaded import OpenValues
-from gantrysim.job.recognition import is_gcode, recognised_dialect
+from gantrysim.job.loading import is_gcode, recognised_dialect
 from gantrysim.job.settings import GLUE
 
 PLAIN = "G21 G90\nG0 X10 Y5\nG1 X30 F600\nM2\n"

@@ -12,7 +12,7 @@ import pytest
 
 from gantrysim import InputError, Job, causes_of
 from gantrysim.render.header import labels_of
-from gantrysim.report.saved import SavedRun
+from gantrysim.report.folder import SavedRun
 from gantrysim.study import Case, SpeedStudy, run_study
 from gantrysim.study.cases import measure
 from gantrysim.study.tuning import TuningStudy
@@ -121,7 +121,7 @@ def test_files_that_the_caller_names_are_relative_to_the_working_folder(folder, 
 FRESH = """
 import sys
 from gantrysim.render.header import labels_of
-from gantrysim.report.saved import SavedRun
+from gantrysim.report.folder import SavedRun
 saved = SavedRun.load(sys.argv[1])
 print(saved.run.requested.length, saved.job.program["lines"], saved.job.margins[0].stable)
 assert not [name for name in sys.modules if "mine" in name or "gantrysim_code" in name]

@@ -9,7 +9,7 @@ from mujoco.introspect import structs
 
 from gantrysim import Machine
 from gantrysim.machine import compiling
-from gantrysim.machine.physics_models import digest_of
+from gantrysim.machine.compiling import digest_of
 
 # elements of most kinds; the pendulum swings and hits the plate
 EVERYTHING = """

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.softmc import Group, Program
 from gantrysim.machine.ideal import without_compliance
+from gantrysim.machine.motors import springs_have_axes
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.machine.springs import springs_have_axes
 from gantrysim.servo.stability.margins import margins_of
 
 from support.mechanisms import COREXY, corexy, tandem

@@ -15,7 +15,7 @@ from gantrysim import Machine, Servo, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulation import Simulation
-from gantrysim.machine.axis_reading import read_axes
+from gantrysim.machine.axis import read_axes
 from gantrysim.machine.perturbation import FACTORS, Perturbation
 
 from support.runs import ideal_motors, plain, ramp

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine
+from gantrysim.machine.compiling import digest_of
 from gantrysim.machine.machine import builtin_models
 from gantrysim.machine.motors import set_for_steps
 from gantrysim.machine.perturbation import Perturbation, perturbed_model
-from gantrysim.machine.physics_models import digest_of
 
 CHANGED = Perturbation(payload=0.3, friction=1.4, viscous=0.8, stiffness=0.7, motor_constant=1.1, home_offset=0.02)
 STEP = 1.25e-4  # [s]

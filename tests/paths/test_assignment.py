@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gantrysim import Budget, Machine, Servo, simulate
-from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.chain import Chain
+from gantrysim.paths.feet import assigned_progress
 from gantrysim.paths.nearest import find_assignment
 from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints

@@ -9,8 +9,7 @@ import pytest
 
 from gantrysim.remedy.combination import SHARE, Combinations, Pick, rank
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.results.checks import Check
-from gantrysim.results.row import Row
+from gantrysim.results.checks import Check, Row
 
 BURDEN = 100.0
 

@@ -7,8 +7,7 @@ import pytest
 from gantrysim import Verdict
 from gantrysim.remedy.fastest import fastest_program
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.results.checks import Check
-from gantrysim.results.row import Row
+from gantrysim.results.checks import Check, Row
 from gantrysim.study.speed.study import Grade
 
 from support.remedies import DOTS, lines_job

@@ -21,8 +21,7 @@ from gantrysim.remedy.improve import Search, another_part, improve, worst_rows
 from gantrysim.remedy.lever import Lever, Setting
 from gantrysim.remedy.outcome import Motion, Outcome, measured_together, motion_key
 from gantrysim.remedy.report import TITLE, change_section, comparison_of
-from gantrysim.results.checks import Check
-from gantrysim.results.row import Row
+from gantrysim.results.checks import Check, Row
 from gantrysim.study.cases import measure
 from gantrysim.study.speed import SpeedStudy
 from gantrysim.study.speed.study import Grade, SpeedAnswer

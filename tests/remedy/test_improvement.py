@@ -13,8 +13,7 @@ from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.report import _values, remedy_of
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
-from gantrysim.results.checks import Check
-from gantrysim.results.row import Row
+from gantrysim.results.checks import Check, Row
 
 from support.remedies import SIDES, lines_job
 

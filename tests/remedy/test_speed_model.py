@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import Stretches
 from gantrysim.remedy.by_place import _Search
 from gantrysim.remedy.local_usage import ENDS, LARGEST, LEVEL, WIDTH, LocalUsage
 from gantrysim.remedy.speed_model import TARGET, SpeedModel

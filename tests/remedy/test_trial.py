@@ -6,8 +6,7 @@ import pytest
 
 from gantrysim import Verdict
 from gantrysim.remedy.trial import Gain, gains_of, shown_gains
-from gantrysim.results.checks import FAIL, Check
-from gantrysim.results.row import Row
+from gantrysim.results.checks import FAIL, Check, Row
 
 
 def row(name, **usages):

@@ -7,7 +7,7 @@ from gantrysim import Job
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.sweep import SIDES
 from gantrysim.render import Film, Take
-from gantrysim.render.end_card import STATES
+from gantrysim.render.film import STATES
 from gantrysim.render.fonts import rgb
 from gantrysim.render.scene import mesh_part
 from gantrysim.results.colours import FAULT

@@ -13,13 +13,13 @@ from PIL import Image
 
 from gantrysim import InputError
 from gantrysim.render import Film, NoOpenGLError, Renderer, Take, film, save_video
+from gantrysim.render.camera import Sight
 from gantrysim.render.colours import scale_for
-from gantrysim.render.flight import Sight
 from gantrysim.render.fonts import MUTED, font
 from gantrysim.render.panel import run_colours
 from gantrysim.render.renderer import BEAD
+from gantrysim.results.checks import Row
 from gantrysim.results.colours import INK
-from gantrysim.results.row import Row
 from gantrysim.results.verdict import Verdict
 
 from support.films import SHAPES, cut, shows, small_job

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.job.job import Job
+from gantrysim.render.camera import FADED, FIELD_OF_VIEW, MARGIN, Flight, Framing, Sight, View
 from gantrysim.render.film import Film, Take, _common_framing
-from gantrysim.render.flight import FADED, Flight, Sight, View
-from gantrysim.render.framing import FIELD_OF_VIEW, MARGIN, Framing
 from gantrysim.render.renderer import Inset
 from gantrysim.render.scene import Scene
 

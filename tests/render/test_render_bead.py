@@ -16,9 +16,8 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.render import Renderer
 from gantrysim.render.colours import COLOURS, chosen_colour, errors_along, scale_for
 from gantrysim.render.scene import Scene
-from gantrysim.results.checks import Check
+from gantrysim.results.checks import Check, Row
 from gantrysim.results.colours import SHARE
-from gantrysim.results.row import Row
 
 from support.pinhole import in_sight, on_work, to_pixels
 from support.soaked import suite_runs

@@ -17,8 +17,8 @@ from svgelements import Path as SvgPath
 from gantrysim import InputError
 from gantrysim.report import Column, Section, Table, write_page
 from gantrysim.report.document import LEAD, lead_of
+from gantrysim.report.figures import description, inline_svg
 from gantrysim.report.plots.style import INK, sheet, thinned_line
-from gantrysim.report.svg import description, inline_svg
 
 from support.pages import Page
 

@@ -20,7 +20,7 @@ from gantrysim.report.card import HEIGHT, WIDTH, draw_card, save_card
 from gantrysim.report.changes import Changes
 from gantrysim.report.document import Section
 from gantrysim.report.page import run_page
-from gantrysim.report.plots.laid import draw_laid
+from gantrysim.report.plots.bead import draw_laid
 from gantrysim.report.plots.pictures import plan_plot
 from gantrysim.report.plots.plan import magnification
 from gantrysim.report.viewer_data import ViewerData

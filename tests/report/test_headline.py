@@ -5,9 +5,8 @@ import pytest
 from gantrysim.job.causes import CAUSES, Causes, Effect
 from gantrysim.metrics.analysis import ErrorSize
 from gantrysim.report.headline import cause_sentences, glue_cause_sentences
-from gantrysim.results.checks import Check
+from gantrysim.results.checks import Check, Row
 from gantrysim.results.glue_causes import GLUE_CAUSES, GlueCauses, GlueEffect
-from gantrysim.results.row import Row
 
 WHOLE = 10e-3  # rms error [mm]
 NAMES = [cause.name for cause in CAUSES]

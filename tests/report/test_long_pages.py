@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 from matplotlib.figure import Figure
 
+from gantrysim.report.figures import inline_svg
 from gantrysim.report.page import job_section
-from gantrysim.report.svg import inline_svg
 
 
 def test_of_a_long_program_the_page_shows_both_ends_and_says_so():

@@ -8,7 +8,7 @@ import pytest
 
 from gantrysim import InputError, Job
 from gantrysim.machine.machine import builtin_models
-from gantrysim.report.saved import SavedRun
+from gantrysim.report.folder import SavedRun
 
 from support.films import SMALL, saved, small_job
 

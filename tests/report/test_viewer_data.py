@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from gantrysim import Job
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import LEVEL, climb, leaves_plane
-from gantrysim.job.lines import program_lines, program_lines_at
+from gantrysim.job.basis import program_lines, program_lines_at
 from gantrysim.machine.outline import outline
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.metrics.budget import Budget

@@ -10,7 +10,7 @@ import pytest
 
 from gantrysim.compare.runs.runs_page import compare_runs
 from gantrysim.glue.bead import Bead
-from gantrysim.job.lines import program_lines
+from gantrysim.job.basis import program_lines
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.encoding import packed

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from gantrysim import Job, Verdict
+from gantrysim.glue.dispenser.command import Material
 from gantrysim.glue.dispenser.driven import Load, loads
-from gantrysim.glue.dispenser.material import Material
 from gantrysim.results.verdict import _stall
 
 AREA = 0.8  # [mm²]

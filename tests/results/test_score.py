@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Verdict
-from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check
-from gantrysim.results.row import Row
+from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Row
 from gantrysim.results.score import CAP, burden_of, usage_of
 
 NAMES = ("path", "glue", "stability", "machine")

@@ -12,9 +12,8 @@ from gantrysim.glue.bead import Bead
 from gantrysim.job.tolerance import ToleranceSettings
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.results.checks import Check, Place
+from gantrysim.results.checks import Check, Place, Row
 from gantrysim.results.glue import BeadWidth
-from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.score import burden_of
 from gantrysim.servo.stability.margins import Margins

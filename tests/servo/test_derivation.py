@@ -14,8 +14,7 @@ from gantrysim import InputError, Machine, Servo
 from gantrysim.machine.machine import builtin_models
 from gantrysim.servo import notch
 from gantrysim.servo.axis_dynamics import Lags
-from gantrysim.servo.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN, LoopTask
-from gantrysim.servo.derivation import NoLoopError, loop, natural_frequency
+from gantrysim.servo.derivation import LARGEST_PEAK, LEAST_GAIN_MARGIN, LoopTask, NoLoopError, loop, natural_frequency
 from gantrysim.servo.notch import NOTCH_DEPTH, NOTCH_WIDTH
 from gantrysim.servo.request import ServoRequest
 from gantrysim.servo.servo_design import check_margins, margins_at

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim.base.errors import InputError, expanded_path
-from gantrysim.base.toml_files import read_text
+from gantrysim.base.input_files import read_text
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import ERROR_SIZES
 from gantrysim.record.run import Run, check_run
-from gantrysim.report.folder import SUMMARY
-from gantrysim.report.saved import SavedRun
+from gantrysim.report.folder import SUMMARY, SavedRun
 from gantrysim.results.run_results import RunResults
 
 FEWEST = 2

@@ -1,20 +1,22 @@
-"""The report of a comparison of runs, and its sections, which tune and improve show of before and after too."""
+"""The report of a comparison of runs: its tables, and its sections, which tune and improve show of before and after."""
 
 from __future__ import annotations
 
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.package_versions import package_versions
+from gantrysim.base.extras import package_versions
+from gantrysim.base.quantity import MINUS, NOTHING, Quantity
 from gantrysim.compare.runs.compared_run import FEWEST, MOST_RUNS, ComparedRun, names_of_jobs
 from gantrysim.compare.runs.compared_runs import ComparedRuns
-from gantrysim.compare.runs.differences import CheckChange
+from gantrysim.compare.runs.differences import CheckChange, with_share
 from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.compare.runs.overlays import (
     draw_compared_budgets,
@@ -24,21 +26,21 @@ from gantrysim.compare.runs.overlays import (
     draw_overlaid_plan,
     drawn_links,
 )
-from gantrysim.compare.runs.runs_tables import WORTH, check_cells, difference_cells, size_change, value_cells
+from gantrysim.job.causes import CELL_FORM
 from gantrysim.metrics.budget import DESCRIPTIONS
-from gantrysim.metrics.parts import PART_COLUMNS
+from gantrysim.metrics.parts import ERROR, PART_COLUMNS
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table, lead_of
 from gantrysim.report.drawn_page import write_page
-from gantrysim.report.folder import Output, output_folder
+from gantrysim.report.folder import Output, SavedRun, output_folder
 from gantrysim.report.plots.plan import plan_extent
 from gantrysim.report.plots.style import view_height
-from gantrysim.report.saved import SavedRun
 from gantrysim.report.sections import drawn_plot
 from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 REPORT = "report.html"
 SUMMARY = "compare.json"
@@ -50,6 +52,11 @@ _PLAN = 7.6  # of a plan view [inch]
 _PANEL = 1.1  # height of a link's panel [inch]
 _GROUP = 0.36  # height of a bar, with what lies between [inch]
 _RMS, _, _MAX, _ = PART_COLUMNS
+
+# effects are often smaller than the decimals of `ERROR`
+WORTH: Quantity[Any] = replace(ERROR, form=CELL_FORM)
+
+Cells = tuple[list[str], list[list[str]]]
 
 
 def write_runs(comparison: ComparedRuns, folder: Path) -> Path:
@@ -264,3 +271,61 @@ def check_number(runs: int) -> None:
 def _job_name(run: Run | SavedRun | RunResults) -> str:
     job = getattr(run, "job", None)
     return "run" if job is None else str(job.name)
+
+
+def difference_cells(comparison: ComparedRuns) -> Cells:
+    """Return the table of what differs between the jobs."""
+    rows = [[difference.kind, difference.key, *difference.texts] for difference in comparison.differences]
+    return ["of", "value", *comparison.names], rows
+
+
+def budget_cells(comparison: ComparedRuns) -> Cells:
+    """Return the table of the rms error of every link [µm]."""
+    rows = []
+    for link, parts in comparison.budgets.items():
+        sizes = [None if part is None else part.rms for part in parts]
+        changes = [size_change(sizes[0], size) for size in sizes[1:]]
+        rows.append([link, *map(ERROR.number, sizes), *changes])
+    return ["link", *comparison.names, *_changes(comparison.names)], rows
+
+
+def cause_cells(comparison: ComparedRuns) -> Cells:
+    """Return the table of what each cause is worth [µm]; without rows where causes are not known."""
+    rows = [[cause, *map(WORTH.number, worth)] for cause, worth in comparison.causes.items()]
+    return ["cause", *comparison.names], rows
+
+
+def check_cells(names: Sequence[str], checks: Sequence[CheckChange]) -> Cells:
+    """Return the table of the checks of verdicts."""
+    return ["of", "check", "limit", *names, *_changes(names)], [_check_row(check) for check in checks]
+
+
+def _changes(names: Sequence[str]) -> list[str]:
+    return ["change"] if len(names) == 2 else [f"change, {name}" for name in names[1:]]
+
+
+def _check_row(check: CheckChange) -> list[str]:
+    unit = f" [{check.unit}]" if check.unit else ""
+    numbers = range(len(check.checks))
+    cells = map(check.cell, numbers)
+    return [check.row, f"{check.quantity}{unit}", check.limit, *cells, *map(check.change_text, numbers[1:])]
+
+
+def value_cells(comparison: ComparedRuns, group: str, *, large_only: bool) -> Cells:
+    """Return heads and rows of the table of a group's values, as text."""
+    heads = ["value", *comparison.names, *_changes(comparison.names)]
+    rows = [
+        [value.quantity.head, *value.texts, *(value.change_text(run) for run in range(1, len(comparison.runs)))]
+        for value in comparison.values
+        if value.group == group and not (large_only and not value.is_large)
+    ]
+    return heads, rows
+
+
+def size_change(before: float | None, after: float | None) -> str:
+    """Return the change of an error [mm] in µm and in percent."""
+    if before is None or after is None:
+        return NOTHING
+    change = ERROR.number(after - before)
+    text = change if change.startswith(MINUS) or change == "0" else f"+{change}"
+    return with_share(text, after - before, before)

@@ -1,11 +1,13 @@
-"""A drawing traced by the axes: text in, setpoints out."""
+"""A drawing traced by the axes: text of any format in, setpoints out."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,14 +16,16 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, finite, plane_point, positive, unknown
+from gantrysim.base.extras import extra
 from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.drawings.dxf import BINARY, read_dxf
 from gantrysim.controllers.drawings.planning import Paused, planned_progress
-from gantrysim.controllers.drawings.points import with_row_speeds, with_speeds
-from gantrysim.controllers.drawings.reading import kind_of, matches, millimetres, read_sheet
+from gantrysim.controllers.drawings.points import read_points, with_row_speeds, with_speeds
 from gantrysim.controllers.drawings.routing import Manner, Route, routed_path
 from gantrysim.controllers.drawings.shapes import FASTEST, Sheet, Stroke, checked_stroke
+from gantrysim.controllers.drawings.svg import read_svg
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import Stretches
 from gantrysim.paths.chain import Chain
 from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks
 
@@ -36,6 +40,10 @@ _CHOICES = {
 _LEAST_LIFT = 1e-6  # [mm]
 _SHOWN = 30  # names in a message
 _DOT_TIME = 0.2  # of a drawing of nothing but dots [s]
+
+# Units of length of a drawing.
+
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "in": 25.4, "ft": 304.8, "pt": 25.4 / 72, "px": 25.4 / 96}
 
 
 @dataclass(frozen=True)
@@ -362,3 +370,63 @@ class Drawing(Controller):
 
 def _counts(ignored: dict[str, int]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in sorted(ignored.items()))
+
+
+def millimetres(unit: str) -> float | None:
+    """Return the length of a unit [mm], None of "auto".
+
+    Raises:
+        InputError: an unknown unit.
+    """
+    if unit != "auto" and unit not in UNITS:
+        raise unknown("unit", unit, ("auto", *UNITS))
+    return UNITS.get(unit)
+
+
+def kind_of(text: str) -> str:
+    """Return the format of a text: svg begins with "<", dxf with a pair of lines, a group code and its value."""
+    lines = [line.strip() for line in text.lstrip("\ufeff \t\r\n")[:10_000].splitlines()[:200]]
+    if text.startswith(BINARY):
+        return "dxf"
+    if lines and lines[0].startswith("<"):
+        return "svg"
+    codes = [code == "0" and value in ("SECTION", "EOF") for code, value in pairwise(lines)]
+    return "dxf" if any(codes) else "csv"
+
+
+@lru_cache(maxsize=4)
+def read_sheet(kind: str, text: str, unit: str, curve: str, dots: bool) -> Sheet:
+    """Return the strokes of a drawing; arguments as of `Drawing`, `dots` for whether points are traced.
+
+    The last few are remembered: a job's checks, its path and its notes all ask for the same drawing.
+    """
+    text = text.removeprefix("\ufeff")
+    length = millimetres(unit)
+    if kind == "dxf":
+        return read_dxf(text, length, dots)
+    if kind == "svg":
+        return read_svg(text, length)
+    return read_points(text, length, curve, dots)
+
+
+def matches(name: str, present: set[str]) -> set[str]:
+    """Return the names in a drawing, layers and colours as "#rrggbb", that a layer or a colour of CSS means."""
+    spellings = {name.lower()}
+    if any(other.startswith("#") for other in present):
+        spellings.add(_hex_of(name))
+    return spellings & present
+
+
+def _hex_of(name: str) -> str:
+    """Return a colour of CSS as "#rrggbb", any other name unchanged."""
+    # not words of a to f alone, which svgelements takes for hexadecimal digits
+    if not re.fullmatch(r"#([0-9a-fA-F]{3}){1,2}|[a-fA-F]*[g-zG-Z][a-zA-Z]*", name):
+        return name
+    with extra("drawings", f"layer or colour {name}"):
+        from svgelements import Color
+
+    try:
+        colour = Color(name)
+    except ValueError:
+        return name
+    return name if colour.value is None else str(colour.hexrgb).lower()

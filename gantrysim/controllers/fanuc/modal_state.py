@@ -7,8 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from gantrysim.controllers.fanuc.block_words import Words
-from gantrysim.controllers.fanuc.blocks import PLANES, Plane
+from gantrysim.controllers.fanuc.blocks import PLANES, Plane, Words
 from gantrysim.controllers.valve import Dispense, Outputs
 from gantrysim.paths.pieces import Vector
 

@@ -16,22 +16,19 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, lengths
 from gantrysim.base.errors import InputError, at_least, finite, positive, space_point, whole_number
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.fanuc.block_words import COMMENT
-from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
-from gantrysim.controllers.fanuc.codes.modal_codes import INCH
+from gantrysim.controllers.fanuc.blocks import COMMENT, Arc, Block, Dwell, Line, Rapid, Spiral
+from gantrysim.controllers.fanuc.codes import INCH
 from gantrysim.controllers.fanuc.compensation import compensated_legs
 from gantrysim.controllers.fanuc.corners import cornered_legs
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed_legs, switched_legs
 from gantrysim.controllers.fanuc.modal_state import ModalState
-from gantrysim.controllers.fanuc.parts import Part, averaged_places, in_place, stretch
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
-from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding
+from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding, Part, averaged_places, in_place, stretch
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.speeds import with_feed_words, with_flow_words
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import Stretches, with_feed_words, with_flow_words
 from gantrysim.controllers.valve import Dispense, Outputs, Valve
-from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.chain import Chain
+from gantrysim.paths.feet import assigned_progress
 from gantrysim.paths.pieces import Vector, vector
 from gantrysim.record.setpoints import Setpoints, ticks
 

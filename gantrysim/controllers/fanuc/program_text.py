@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from gantrysim.controllers.fanuc.alarm import BlockSource
-from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, Words
-from gantrysim.controllers.fanuc.blocks import Block, Dwell
+from gantrysim.controllers.fanuc.blocks import COMMENT, CORNERS, Block, Dwell, Words
 from gantrysim.controllers.fanuc.codes import ACTIONS, CENTRES, MOTIONS, SETTINGS, g_codes_in_short
 from gantrysim.controllers.fanuc.modal_state import ENDS, ModalState
 from gantrysim.controllers.fanuc.sequence import ProgramSource, Sequence

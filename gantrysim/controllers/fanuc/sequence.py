@@ -14,17 +14,17 @@ from typing import TypeVar
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.alarm import Alarm, BlockSource
-from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, LETTERS, OF_FILE, Words, labelled_block, words_of
-from gantrysim.controllers.macro.grammar import (
+from gantrysim.controllers.fanuc.blocks import COMMENT, CORNERS, LETTERS, OF_FILE, Words, labelled_block, words_of
+from gantrysim.controllers.macro.order import END, Flow, FlowRefusal
+from gantrysim.controllers.macro.scanner import (
     FUNCTIONS,
     OPERATORS,
     SHORT_WORD,
     Grammar,
+    Scanner,
     rounded_from_zero,
     rounded_to_zero,
 )
-from gantrysim.controllers.macro.order import END, Flow, FlowRefusal
-from gantrysim.controllers.macro.scanner import Scanner
 from gantrysim.controllers.macro.variables import LocalParameters, Numbering, Parameters, System
 
 # Blocks of letters with variables and expressions.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from gantrysim.base.errors import InputError, at_least
-from gantrysim.controllers.gcode.firmware import Firmware
+from gantrysim.controllers.gcode.dialects import Firmware
 
 _MOST_ADVANCES = 10_000  # settings of a program
 _LONGEST_SMOOTHING = 0.2  # Klipper's [s]

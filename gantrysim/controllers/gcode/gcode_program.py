@@ -19,9 +19,8 @@ from gantrysim.base.errors import InputError, at_least, positive, space_point, w
 from gantrysim.base.memory import give_back
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.coordinate_systems import INCH
-from gantrysim.controllers.gcode.dialects import GCodeDialect
+from gantrysim.controllers.gcode.dialects import Firmware, GCodeDialect
 from gantrysim.controllers.gcode.extrusion import AdvanceLaw, Extrusion, extrusion_of
-from gantrysim.controllers.gcode.firmware import Firmware
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
 from gantrysim.controllers.gcode.motion_limits import UNLIMITED, MotionLimits, PlanSettings
 from gantrysim.controllers.gcode.move_table import ARC, END, FEED, FLOW, KIND, LINE, SOURCE
@@ -29,8 +28,7 @@ from gantrysim.controllers.gcode.o_words import ProgramText
 from gantrysim.controllers.gcode.planned import PathPlan, plan
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.speeds import with_feed_words, with_flow_words
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import Stretches, with_feed_words, with_flow_words
 from gantrysim.controllers.valve import Dispense, Valve
 from gantrysim.paths.track import Track
 from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks

@@ -9,8 +9,17 @@ from functools import cached_property
 from typing import NamedTuple
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.macro.grammar import FUNCTIONS, OPERATORS, Grammar, rounded_down, rounded_up
-from gantrysim.controllers.macro.scanner import Scanner, Store, Target, Value
+from gantrysim.controllers.macro.scanner import (
+    FUNCTIONS,
+    OPERATORS,
+    Grammar,
+    Scanner,
+    Store,
+    Target,
+    Value,
+    rounded_down,
+    rounded_up,
+)
 
 Words = list[tuple[str, float]]
 

@@ -11,9 +11,8 @@ from typing import Any
 from gantrysim.base.errors import InputError, positive
 from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems
 from gantrysim.controllers.gcode.cutter_compensation import CutterCompensation
-from gantrysim.controllers.gcode.dialects import GCodeDialect
+from gantrysim.controllers.gcode.dialects import Firmware, GCodeDialect
 from gantrysim.controllers.gcode.extruder import Extruder
-from gantrysim.controllers.gcode.firmware import Firmware
 from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import DWELL, EXACT_STOP, LINE, MoveRow, MoveTable
 from gantrysim.controllers.valve import Dispense, Outputs

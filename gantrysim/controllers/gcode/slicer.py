@@ -6,9 +6,15 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from gantrysim.base.errors import at_least, positive, unknown
-from gantrysim.controllers.gcode.dialects import SLICER, GCodeDialect
+from gantrysim.controllers.gcode.dialects import (
+    ADVANCE_WORDS,
+    SLICER,
+    Firmware,
+    GCodeDialect,
+    firmware_of,
+    stated_filament,
+)
 from gantrysim.controllers.gcode.extrusion import AdvanceLaw
-from gantrysim.controllers.gcode.firmware import ADVANCE_WORDS, Firmware, firmware_of, stated_filament
 from gantrysim.controllers.gcode.gcode_program import GCode
 
 _LONGEST_ADVANCE = 10.0  # [s]

@@ -17,8 +17,7 @@ from gantrysim.controllers.softmc.commands import Circle, Command, Move, SoftMCE
 from gantrysim.controllers.softmc.group import PROFILE_TYPES, Group
 from gantrysim.controllers.softmc.record import Record
 from gantrysim.controllers.softmc.stream import AXES, Leg, leg_of, segment, stream
-from gantrysim.controllers.speeds import SpeedWords
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import SpeedWords, Stretches
 from gantrysim.paths.chain import Chain
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints

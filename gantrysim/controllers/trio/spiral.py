@@ -13,7 +13,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, plane_point, positive, whole_number
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import Stretches
 from gantrysim.controllers.trio.listing import SpiralListing
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
 from gantrysim.controllers.trio.theory import SpiralTheory

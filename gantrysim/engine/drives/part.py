@@ -10,8 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.machine.axis import Axis
-from gantrysim.machine.axis_reading import fact
+from gantrysim.machine.axis import Axis, fact
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.drive_settings import DriveSettings
 from gantrysim.servo.servo import Servo

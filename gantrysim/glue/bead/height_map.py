@@ -1,25 +1,42 @@
-"""The height map of the glue on the work, which conserves volume."""
+"""The height map of the glue on the work, which conserves volume.
+
+The glue of a layer is laid along the trace, with round ends, and then pushed aside by the needle's face.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, extremes
+from gantrysim.base.arrays import Floats, extremes, lengths
 from gantrysim.base.errors import InputError
 from gantrysim.glue.bead.dots import Dot
-from gantrysim.glue.bead.ends import MOST_CELLS, End, check_cells, round_ends
-from gantrysim.glue.bead.glue import lay_glue, stacked_layers
+from gantrysim.glue.bead.footprint import cover, footprint, headroom, wet_where_pushed
 from gantrysim.glue.bead.layers import layers_of
+from gantrysim.glue.bead.laying import Layer, Sampling, Stations, drop, lay
+from gantrysim.glue.bead.pushing import exceeds, means, push_aside
+from gantrysim.glue.bead.section import Section
 from gantrysim.glue.bead.trace import BeadTrace
 
 _MARGIN = 4  # cells around the bead
 _SPREADING = 0.25  # further margin, of the bead's width
 _WIDEST = 1 / 3  # cell, of the nominal width
 _IN_A_CELL = 8  # samples of a dot in a cell, along x and along y
+
+_BLOCK = 8  # cells in a row that make one of the coarse map
+_EVEN = 1e-3  # of the gap; smaller changes of the nozzle's height are ignored
+_RIPPLE = 0.02  # unevenness of a flat, of the nozzle's height
+_SPREAD = 0.5  # distance over which excess beside the face spreads, of the nominal width
+_SWEEPS = 5000  # in which the nozzle pushes glue aside
+_TRIAL = 300  # the same on the coarse map
+
+SAMPLES = 3.0  # per cell, across the bead and along it
+MOST_CELLS = 2e7
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,3 +217,250 @@ def _contact(bead: BeadTrace, cell: float) -> float:
     kernel = np.where(u < 1, 2 / 3 - u**2 + 0.5 * u**3, (2 - u) ** 3 / 6)
     kernel /= kernel.sum()
     return float(section.profile(0.5 * section.width[0] - cell * t)[0] @ kernel)
+
+
+@dataclass(frozen=True, eq=False)
+class Glue:
+    """The glue of a layer.
+
+    Attributes:
+        x, y: middles of the cells, (nx,) and (ny,) [mm].
+        height: mean height over each cell, (ny, nx) [mm].
+        covered: wet share of each cell, (ny, nx).
+        ridge: height of remaining glue above the nozzle, over that of the nozzle; 0 where the glue has settled.
+    """
+
+    x: Floats
+    y: Floats
+    height: Floats
+    covered: Floats
+    ridge: float
+
+
+def lay_glue(bead: BeadTrace, grid: tuple[Floats, Floats], volume: Floats, wet: Floats, ends: list[End]) -> Glue:
+    """Return the glue of a layer on a grid, widened where the nozzle pushes glue beyond it.
+
+    Args:
+        bead: the trace of the bead.
+        grid: middles of the cells, (nx,) and (ny,) [mm].
+        volume: laid between the stations, without the round ends, (r - 1,) [mm³].
+        wet: the same with what the round ends have taken [mm³].
+        ends: the round ends.
+    """
+    x, y = grid
+    cell = bead.cell
+    glue = np.zeros((y.size, x.size))
+    vertical = upright(bead)
+    uneven = bead.settings.squashed and bool(np.ptp(vertical) > _EVEN * bead.gap)
+    none = np.zeros((0, 0))
+    moment = np.zeros_like(glue) if uneven else none
+    crest = np.zeros_like(glue) if bead.settings.squashed else none
+    layer = Layer(glue, moment, crest)
+    for end in ends:
+        drop(layer, (end.points[:, 0] - x[0]) / cell, (end.points[:, 1] - y[0]) / cell, end.volumes, end.gap, end.top)
+    column = (bead.point[:, 0] - x[0]) / cell
+    row = (bead.point[:, 1] - y[0]) / cell
+    shape = bead.section
+    stations = Stations(
+        x=column,
+        y=row,
+        heading=bead.heading,
+        curvature=np.gradient(bead.heading, bead.ds),
+        area=bead.area,
+        half=0.5 * shape.width,
+        flat=0.5 * shape.flat,
+        groove=shape.groove,
+        radius=shape.radius,
+        gap=vertical,
+        top=shape.height * vertical / bead.nozzle_height,
+    )
+    cosine = math.cos(math.radians(bead.settings.contact_angle))
+    steps = max(math.ceil(bead.ds * SAMPLES / cell), 1)
+    lay(layer, stations, volume, cosine, Sampling(cell, steps, SAMPLES))
+    drops = _drops(volume, ends, column, row, cell)
+    covered = footprint(glue.shape, column, row, 0.5 * shape.width / cell, volume, drops)
+    height = glue / cell**2
+    excess = 0.0
+    if bead.settings.squashed:
+        under = np.full_like(glue, float(math.isinf(bead.run.face)))
+        if not under.all():
+            cover(under, column, row, wet, 0.5 * bead.run.face / cell)
+        ceiling, rise = headroom(under, layer, bead.gap, _rise(bead))
+        x, y, height, ceiling, rise = _with_room(bead, x, y, height, ceiling, rise)
+        covered = _on_grid(covered, grid, (x, y), cell)
+        laid = height.copy()
+        excess = push_aside(height, ceiling, rise, _RIPPLE, _SWEEPS)
+        wet_where_pushed(covered, laid, height, ceiling)
+    return Glue(x, y, height, covered, excess if excess > 2 * _RIPPLE else 0.0)
+
+
+def _drops(volume: Floats, ends: list[End], column: Floats, row: Floats, cell: float) -> Floats:
+    """Return x, y and radius of the ends without bead on either side, (k, 3) [cells]."""
+    dry = np.concatenate([[True], volume <= 0]) & np.concatenate([volume <= 0, [True]])
+    alone = [end for end in ends if dry[end.station]]
+    return np.array([[column[end.station], row[end.station], end.radius / cell] for end in alone]).reshape(-1, 3)
+
+
+def stacked_layers(glue: list[Glue], cell: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the grid that holds all layers, (nx,) and (ny,) [mm], and their heights and shares, (layers, ny, nx)."""
+    if len(glue) == 1:
+        return glue[0].x, glue[0].y, glue[0].height[None], glue[0].covered[None]
+    x = _joined_cells([layer.x for layer in glue], cell)
+    y = _joined_cells([layer.y for layer in glue], cell)
+    heights = [_on_grid(layer.height, (layer.x, layer.y), (x, y), cell) for layer in glue]
+    shares = [_on_grid(layer.covered, (layer.x, layer.y), (x, y), cell) for layer in glue]
+    return x, y, np.stack(heights), np.stack(shares)
+
+
+def _joined_cells(places: list[Floats], cell: float) -> Floats:
+    """Return the middles of the cells that hold several rows of equal cells [mm]."""
+    low = min(float(row[0]) for row in places)
+    high = max(float(row[-1]) for row in places)
+    return np.asarray(low + cell * np.arange(round((high - low) / cell) + 1), np.float64)
+
+
+def _on_grid(values: Floats, grid: tuple[Floats, Floats], wider: tuple[Floats, Floats], cell: float) -> Floats:
+    """Return values of cells, (ny, nx), on a wider grid of equal cells, 0 beyond."""
+    before = round(float(grid[0][0] - wider[0][0]) / cell)
+    below = round(float(grid[1][0] - wider[1][0]) / cell)
+    after = wider[0].size - grid[0].size - before
+    above = wider[1].size - grid[1].size - below
+    if not any((before, below, after, above)):
+        return values
+    return np.pad(values, ((below, above), (before, after)))
+
+
+def _rise(bead: BeadTrace) -> float:
+    """Rise of a free surface that spreads excess over a share of the nominal width; see `push_aside`."""
+    spread = _SPREAD * float(bead.nominal_section.width[0])
+    return (0.5 * bead.cell / spread) ** 2 if spread > 0 and math.isfinite(bead.run.face) else 0.0
+
+
+def _with_room(
+    bead: BeadTrace, x: Floats, y: Floats, height: Floats, ceiling: Floats, rise: Floats
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Return a map with the dry cells around it that the excess will need, as tried on a map of coarse cells."""
+    if not exceeds(height, ceiling, _RIPPLE).any():
+        return x, y, height, ceiling, rise
+    dry = bead.gap
+    free = _rise(bead)
+    coarse = means(height, _BLOCK, 0.0)
+    over = means(ceiling, _BLOCK, dry)
+    soft = _BLOCK**2 * means(rise, _BLOCK, free)
+    room = 0  # coarse cells
+    while True:
+        tried = np.pad(coarse, room)
+        beyond = np.pad(over, room, constant_values=dry)
+        push_aside(tried, beyond, np.pad(soft, room, constant_values=_BLOCK**2 * free), _RIPPLE, _TRIAL)
+        if not max(tried[0].max(), tried[-1].max(), tried[:, 0].max(), tried[:, -1].max()) > 0:
+            break
+        room = max(2 * room, 1)
+        check_cells(bead, (np.array(coarse.shape) + 2 * room) * float(_BLOCK))
+    if not room:
+        return x, y, height, ceiling, rise
+    # the wet part with a coarse cell around it; the grid moves by whole cells
+    wet = np.argwhere(tried)
+    before = _BLOCK * np.maximum(room - wet.min(axis=0) + 1, 0)
+    after = _BLOCK * np.maximum(wet.max(axis=0) + 2 - room - np.array(coarse.shape), 0)
+    ny, nx = np.array(height.shape) + before + after
+    check_cells(bead, (ny, nx))
+    around = np.stack([before, after], axis=1)
+    cell = bead.cell
+    x = x[0] + cell * (np.arange(nx) - before[1])
+    y = y[0] + cell * (np.arange(ny) - before[0])
+    ceiling = np.pad(ceiling, around, constant_values=dry)
+    rise = np.pad(rise, around, constant_values=free)
+    return x, y, np.pad(height, around), ceiling, rise
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """A round end of a stretch of bead, or a round drop.
+
+    Attributes:
+        station: about which it is round.
+        radius: of its rim [mm].
+        points: in plan view, (k, 2) [mm].
+        volumes: at the points, (k,) [mm³].
+        gap: vertical height of the nozzle [mm].
+        top: vertical height of the crest [mm].
+    """
+
+    station: int
+    radius: float
+    points: Floats
+    volumes: Floats
+    gap: float
+    top: float
+
+
+def round_ends(bead: BeadTrace, volume: Floats) -> Iterator[End]:
+    """Yield the round ends of all stretches of a bead.
+
+    An end takes the volume of its half body of revolution from the intervals of the last stations, whose `volume` is
+    set to 0; a stretch shorter than its two ends is one round drop.
+    """
+    drops = bead.drops.tolist()
+    half = bead.end_length
+    for first, after in bead.wet_stretches.tolist():
+        if [first, after] in drops:
+            whole = slice(max(first - 1, 0), after)
+            total = float(volume[whole].sum())
+            volume[whole] = 0.0
+            middle = (first + after - 1) // 2
+            gap = bead.section.gap[middle : middle + 1]
+            yield _round(bead, middle, bead.drop(total, gap), total, None)
+            continue
+        stations = np.arange(first, after)
+        begin = np.flatnonzero(bead.ds * (stations - first + 0.5) >= half[stations])
+        end = np.flatnonzero(bead.ds * (after - 1 - stations + 0.5) >= half[stations])
+        for station, taken, away in (
+            (stations[begin[0]], slice(max(first - 1, 0), stations[begin[0]]), np.pi),
+            (stations[end[-1]], slice(stations[end[-1]], after), 0.0),
+        ):
+            total = float(volume[taken].sum())
+            volume[taken] = 0.0
+            if total > 0:
+                area = bead.area[station : station + 1]
+                gap = bead.section.gap[station : station + 1]
+                section = Section(area, gap, bead.settings.contact_angle, bead.run.face)
+                yield _round(bead, station, section, total, bead.heading[station] + away)
+
+
+def _round(bead: BeadTrace, station: int, section: Section, volume: float, towards: float | None) -> End:
+    """Points and volumes of a body of revolution about a station, or of its half `towards` an angle."""
+    rim = 0.5 * float(section.width[0])
+    check_cells(bead, (2 * rim / bead.cell, 2 * rim / bead.cell))
+    rings = math.ceil(rim * SAMPLES / bead.cell) + 1
+    r = rim * (np.arange(rings) + 0.5) / rings
+    span = 2 * np.pi if towards is None else np.pi
+    around = math.ceil(span * rings)
+    angle = (0.0 if towards is None else towards - 0.5 * np.pi) + span * (np.arange(around) + 0.5) / around
+    weight = np.repeat((section.profile(r)[0] * r)[:, None], around, axis=1)
+    weight *= volume / weight.sum()
+    points = bead.point[station, :2] + r[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    gap = float(upright(bead)[station])
+    top = float(section.height[0]) * gap / float(bead.nozzle_height[station])
+    return End(station, rim, points.reshape(-1, 2), weight.ravel(), gap, top)
+
+
+def upright(bead: BeadTrace) -> Floats:
+    """Vertical height of the nozzle over the surface, more than the normal one where the path climbs, (r,) [mm]."""
+    along = np.gradient(bead.point, axis=0)
+    ahead = lengths(along[:, :2])
+    length = lengths(along)
+    cosine = np.divide(ahead, length, out=np.ones_like(length), where=length > 0)
+    return bead.nozzle_height / np.maximum(cosine, math.sqrt(0.5))
+
+
+def check_cells(bead: BeadTrace, count: ArrayLike, layers: int = 1) -> None:
+    """Raise InputError for a height map of too many cells, given as their number along x and along y."""
+    cells = layers * float(np.prod(np.asarray(count, float)))
+    if not cells <= MOST_CELLS:
+        stacked = f" in {layers} layers" if layers > 1 else ""
+        wide = float(bead.nominal_section.width[0])
+        widest = float(bead.width.max())
+        raise InputError(
+            f"cell = {bead.cell:g} mm: the height map of a bead {wide:.4g} mm wide, {widest:.4g} mm at its "
+            f"widest, has {cells:.3g} cells{stacked}, at most {MOST_CELLS:g}"
+        )

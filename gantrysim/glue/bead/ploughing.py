@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.jit import jit
 from gantrysim.glue.bead.dots import Dot
-from gantrysim.glue.bead.ends import upright
+from gantrysim.glue.bead.height_map import upright
 from gantrysim.glue.bead.trace import BeadTrace
 
 # The search for contacts of the needle with the sections of a bead; `ploughing` defines them.

@@ -16,7 +16,7 @@ from gantrysim.base.columns import by_blocks, extent
 from gantrysim.base.errors import check_type, whole_number
 from gantrysim.glue.bead.dots import Dot, dots_of, dotted_ticks
 from gantrysim.glue.bead.section import BeadSettings, Section
-from gantrysim.glue.dispenser.material import Material
+from gantrysim.glue.dispenser.command import Material
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run, check_run
 

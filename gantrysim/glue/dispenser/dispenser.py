@@ -20,15 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, check_one_of, positive
-from gantrysim.glue.dispenser.driven import Drive, Driven, Load, driven_flow, driven_notes, loads
+from gantrysim.glue.dispenser.command import NOTHING, Material, ValveTimes, on_ticks, without_e, without_output
+from gantrysim.glue.dispenser.driven import Drive, Driven, Load, Motor, driven_flow, driven_notes, loads
 from gantrysim.glue.dispenser.jet import Jet, Shots, jet_notes, shots
 from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
-from gantrysim.glue.dispenser.material import NOTHING, Material, without_e, without_output
-from gantrysim.glue.dispenser.motor import Motor
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.glue.dispenser.syringe import ATMOSPHERE, Syringe
-from gantrysim.glue.dispenser.valve import ValveTimes, on_ticks
 from gantrysim.glue.dispenser.volumetric import Pump
 from gantrysim.record.setpoints import Setpoints
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.glue.dispenser.dispenser import JET, PISTON, TIME_PRESSURE, VALVE, VOLUMETRIC
-from gantrysim.glue.dispenser.driven import Drive
-from gantrysim.glue.dispenser.motor import Motor
+from gantrysim.glue.dispenser.driven import Drive, Motor
 from gantrysim.glue.dispenser.needle import PASCAL, Needle
 from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.glue.dispenser.volumetric import Pump

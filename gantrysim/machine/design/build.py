@@ -13,13 +13,11 @@ from scipy.linalg import eigh, null_space
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.base.toml_files import read_toml
-from gantrysim.machine.design.arrangements.cartesian import bridge, cantilever, moving_table
-from gantrysim.machine.design.arrangements.coupled import corexy, tandem
+from gantrysim.base.input_files import read_toml
+from gantrysim.machine.design.arrangements import bridge, cantilever, corexy, moving_table, tandem
 from gantrysim.machine.design.mjcf import Mjcf, TableMjcf
 from gantrysim.machine.design.table import Drive, MachineTable, read_table
-from gantrysim.machine.design.urdf import urdf_mjcf
-from gantrysim.machine.design.urdf_table import SUFFIX, is_urdf_table, read_urdf_table, table_of_urdf
+from gantrysim.machine.design.urdf import SUFFIX, is_urdf_table, read_urdf_table, table_of_urdf, urdf_mjcf
 
 # Undamped modes of a compiled model.
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.base.toml_files import validated_model
+from gantrysim.base.input_files import validated_model
 from gantrysim.machine.design.settings import NotNegative, Positive, Table, key
 
 # AC servo motors as their data sheets give them, and the DC motor that is equivalent to one.

@@ -10,7 +10,7 @@ from typing import Any, Literal, Self
 from pydantic import field_validator, model_validator
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.toml_files import read_toml, validated_model
+from gantrysim.base.input_files import read_toml, validated_model
 from gantrysim.machine.design.library import AC_SERVO, PER_RMS, RPM, Motor, counts_of, motor_of
 from gantrysim.machine.design.settings import Count, NotNegative, Positive, Table, key
 from gantrysim.machine.design.transmission import Transmission

@@ -8,8 +8,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from gantrysim.base.errors import InputError
-from gantrysim.machine.design.accuracy import SCREWS
 from gantrysim.machine.design.settings import Count, NotNegative, Positive, Table, key
+from gantrysim.machine.geometry import SCREWS
 
 _STEEL = 7850.0  # density [kg/m³]
 

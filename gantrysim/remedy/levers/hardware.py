@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gantrysim.machine.design.accuracy import SCREWS
+from gantrysim.machine.geometry import SCREWS
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
 from gantrysim.remedy.levers.numbers import milliseconds, rounded_number
 from gantrysim.results.verdict import PATH, STABILITY

@@ -11,10 +11,9 @@ import numpy as np
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import Fault
 from gantrysim.render.telemetry import Telemetry
-from gantrysim.render.view.chart import Chart
 from gantrysim.render.view.clock import Clock, Pace
-from gantrysim.render.view.playback import Playback
-from gantrysim.render.view.texts import ViewState, moment_texts
+from gantrysim.render.view.source import Playback
+from gantrysim.render.view.texts import Chart, ViewState, moment_texts
 from gantrysim.render.view.window import ViewerWindow, WindowClosedError
 
 # GLFW's key codes

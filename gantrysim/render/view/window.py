@@ -16,8 +16,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
 from gantrysim.render.panel import colour_bar
 from gantrysim.render.scene import Scene
-from gantrysim.render.view.chart import Chart
-from gantrysim.render.view.texts import Texts
+from gantrysim.render.view.texts import Chart, Texts
 
 # Windows with OpenGL, by GLFW, or the reason why there is none.
 

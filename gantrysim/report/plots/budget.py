@@ -1,7 +1,8 @@
-"""Plots of the error budget: the links' parts of the contour error, in total, by turn and along the path."""
+"""Plots of the error budget: the links' parts of the contour error, in total, by turn and along the path; causes."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import number_text
+from gantrysim.job.causes import CELL_FORM
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.plots.style import COLOURS, COLUMNS, UM, axes_on, line_style, thinned_line
 from gantrysim.results.colours import INK
@@ -17,10 +20,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
+
 _LEAST_NAMED = 0.07  # smallest share of a bar with room for its number
 _MOST_NAMED = 10  # largest number of labelled turns
 _NOTHING = 1e-6  # largest negligible error [mm]
 _VERTICAL = 0.02  # smallest vertical error that is drawn, of the largest error
+
+_ROOM = 0.45  # beyond the bars for their numbers, of the largest
+_LEAST_SCALE = 0.05  # half of the narrowest scale [µm]
 
 
 def draw_budget(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes, ...]:
@@ -174,3 +181,38 @@ def stack_bars(axes: Axes, places: Floats, values: dict[str, Floats], upright: b
 def _on(name: str) -> str:
     """A colour for text on a link's own."""
     return "#ffffff" if name in ("servo", "structure") else INK
+
+
+def draw_causes(figure: Figure | SubFigure, worth: Mapping[str, Mapping[str, float]]) -> tuple[Axes, ...]:
+    """Draw what each cause is worth in the contour error and in each link: a bar per cause, a panel per error.
+
+    Args:
+        figure: figure to draw on.
+        worth: rms with the cause minus rms without it, by cause and by link or "contour"; nan where unknown [mm].
+
+    Returns:
+        The axes.
+    """
+    links = dict.fromkeys(link for sizes in worth.values() for link in sizes if link != "contour")
+    errors = ("contour", *links)
+    places = np.arange(len(worth))
+    panels = figure.subplots(1, len(errors), sharey=True, squeeze=False)[0]
+    for axes, error in zip(panels, errors, strict=True):
+        size = np.array([UM * sizes[error] for sizes in worth.values()])
+        bars = axes.barh(places, np.nan_to_num(size), 0.62, color=COLOURS[error])
+        numbers = [number_text(value, CELL_FORM) for value in size]
+        for text in axes.bar_label(bars, numbers, padding=3, fontsize=8):
+            # inside of all others: the scale below leaves room
+            text.set_in_layout(axes is panels[-1])
+        low, high = (float(end) for end in (np.nanmin([0.0, *size]), np.nanmax([0.0, *size])))
+        room = max(_ROOM * (high - low), _LEAST_SCALE)
+        axes.set(xlim=(low - (room if low < 0 else 0), high + room), xlabel="worth [µm]")
+        axes.set_title(error, loc="left")
+        axes.axvline(0, color=INK, lw=0.8)
+        axes.grid(visible=False, axis="y")
+        axes.locator_params(axis="x", nbins=3)
+        axes.tick_params(axis="y", length=0)
+        axes.spines["left"].set_visible(False)
+    panels[0].set_yticks(places, list(worth))
+    panels[0].invert_yaxis()
+    return tuple(panels)

@@ -15,7 +15,7 @@ from gantrysim.results.checks import FAIL
 from gantrysim.results.colours import BAD, INK, RUNS
 from gantrysim.results.quantities import TORQUE_RIPPLE
 from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY
-from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN, SENSITIVITY
+from gantrysim.servo.stability.margins import GAIN_MARGIN, PHASE_MARGIN, SENSITIVITY
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command, settings_text
 from gantrysim.study.cases import ASPECTS, LIMIT_USE, OK, Row, state_column, use_column
 from gantrysim.study.drawing import logarithmic

@@ -22,15 +22,15 @@ from gantrysim.report.sections import drawn_plot
 from gantrysim.results.quantities import TORQUE_RIPPLE_PERCENT
 from gantrysim.results.verdict import Verdict
 from gantrysim.servo.gains import GAIN_NAMES
-from gantrysim.servo.stability.margin_quantities import (
+from gantrysim.servo.stability.margins import (
     CROSSOVER,
     DELAY_MARGIN,
     GAIN_MARGIN_ALONE,
     GAIN_MARGIN_LOWER,
     PHASE_MARGIN,
     SENSITIVITY,
+    margins_of,
 )
-from gantrysim.servo.stability.margins import margins_of
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command
 from gantrysim.study.cases import OK, Row, verdict_columns
 from gantrysim.study.study import Details, Plot, Report

@@ -335,7 +335,7 @@ def test_an_overfull_bead_finds_room_around_its_map_and_is_a_film_of_the_gap():
 
 
 def test_a_map_that_does_not_settle_reports_its_ridge(monkeypatch):
-    monkeypatch.setattr("gantrysim.glue.bead.glue._SWEEPS", 1)
+    monkeypatch.setattr("gantrysim.glue.bead.height_map._SWEEPS", 1)
     bead = laid(XY, spiral(4.0, radius=15.0, turns=2.5), Dispenser(flow=4 * AREA * SPEED))
     assert bead.map.ridge == pytest.approx(bead.map.height.max() / GAP - 1)
     assert bead.map.ridge > 0.04

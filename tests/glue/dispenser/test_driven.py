@@ -11,9 +11,9 @@ from scipy.interpolate import CubicSpline
 
 from gantrysim import InputError
 from gantrysim.controllers.gcode.slicer import Program
+from gantrysim.glue.dispenser.command import Material
 from gantrysim.glue.dispenser.dispenser import Dispenser
-from gantrysim.glue.dispenser.material import Material
-from gantrysim.glue.dispenser.motor import Motor
+from gantrysim.glue.dispenser.driven import Motor
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.glue.dispenser.volumetric import Pump

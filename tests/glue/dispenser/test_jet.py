@@ -7,9 +7,9 @@ import pytest
 
 from gantrysim import InputError
 from gantrysim.controllers.gcode.slicer import Program
+from gantrysim.glue.dispenser.command import Material
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.glue.dispenser.jet import Jet
-from gantrysim.glue.dispenser.material import Material
 
 PERIOD = 1e-3
 

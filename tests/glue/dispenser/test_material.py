@@ -8,8 +8,8 @@ import pytest
 from gantrysim import InputError
 from gantrysim.controllers.gcode.slicer import Program
 from gantrysim.engine.simulate import perfect_follower
+from gantrysim.glue.dispenser.command import Material
 from gantrysim.glue.dispenser.dispenser import Dispenser
-from gantrysim.glue.dispenser.material import Material
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError
-from gantrysim.base.toml_files import validated_model
+from gantrysim.base.input_files import validated_model
 from gantrysim.machine.design.library import Motor, Winding, largest_torque, motor_names, motor_of
 
 CONTENT = tomllib.loads((files("gantrysim.machine.design") / "library.toml").read_text(encoding="utf-8"))

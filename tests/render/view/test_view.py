@@ -13,9 +13,17 @@ from hypothesis import strategies as st
 from gantrysim.base.errors import InputError
 from gantrysim.record.run_file import Fault
 from gantrysim.render.strip import round_step
-from gantrysim.render.view.chart import Chart, lines, thinned_curve
 from gantrysim.render.view.clock import FASTEST, SLOWEST, Clock, Pace
-from gantrysim.render.view.texts import LIVE_KEYS, REPLAY_KEYS, ViewState, moment_texts, plain
+from gantrysim.render.view.texts import (
+    LIVE_KEYS,
+    REPLAY_KEYS,
+    Chart,
+    ViewState,
+    lines,
+    moment_texts,
+    plain,
+    thinned_curve,
+)
 
 CLOCK = 1e-9  # relative, of sums of seconds
 

@@ -10,9 +10,8 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render.scene import Scene
-from gantrysim.render.view.playback import Bodies, Playback
 from gantrysim.render.view.player import Player, WallClock
-from gantrysim.render.view.source import Live, Replay
+from gantrysim.render.view.source import Bodies, Live, Playback, Replay
 from gantrysim.render.view.window import WindowClosedError
 
 from support.runs import PERIOD, plain

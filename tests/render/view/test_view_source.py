@@ -13,8 +13,7 @@ from gantrysim.job.job import Job
 from gantrysim.machine.machine import builtin_models
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render.scene import Scene
-from gantrysim.render.view.playback import Bodies
-from gantrysim.render.view.source import Live, Replay
+from gantrysim.render.view.source import Bodies, Live, Replay
 
 from support.runs import PERIOD, plain, ramp
 

@@ -17,10 +17,9 @@ from gantrysim.render.colours import Scale, scale_for
 from gantrysim.render.opengl import offscreen_context
 from gantrysim.render.panel import BAR_HEIGHT, colour_bar
 from gantrysim.render.scene import Scene
-from gantrysim.render.view.chart import Chart
-from gantrysim.render.view.texts import Texts
+from gantrysim.render.view.texts import Chart, Texts
 from gantrysim.render.view.window import NoDisplayError, ViewerWindow, WindowClosedError, check_display, free_view
-from gantrysim.report.saved import SavedRun
+from gantrysim.report.folder import SavedRun
 from gantrysim.results.colours import MAGNITUDE
 
 from support.films import shows

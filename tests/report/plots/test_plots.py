@@ -22,8 +22,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.report.plots import pictures
-from gantrysim.report.plots.budget import stack_bars
-from gantrysim.report.plots.causes import draw_causes
+from gantrysim.report.plots.budget import draw_causes, stack_bars
 from gantrysim.report.plots.spacing import draw_spacing
 from gantrysim.report.plots.style import draw_limit, sheet
 

@@ -18,9 +18,8 @@ from gantrysim.controllers.basic.code import Code
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.basic.execution import Execution, RoutineFrame, RunSettings
-from gantrysim.controllers.softmc.basic.statement_table import BLOCKS, COMMANDS
 from gantrysim.controllers.softmc.basic.statements import routine
-from gantrysim.controllers.softmc.basic.syntax import parse
+from gantrysim.controllers.softmc.basic.syntax import BLOCKS, COMMANDS, parse
 from gantrysim.controllers.softmc.basic.tree import LocatedError, Node, TreeAssembler, line_of, trees
 from gantrysim.controllers.softmc.basic.values import Variable
 from gantrysim.controllers.softmc.commands import SoftMCError

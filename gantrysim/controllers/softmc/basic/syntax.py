@@ -1,4 +1,4 @@
-"""The parser of MC-Basic, and its errors."""
+"""The parser of MC-Basic, its table of commands and blocks, and its errors."""
 
 from __future__ import annotations
 
@@ -9,14 +9,18 @@ from importlib.resources import files
 from lark import Lark
 from lark.exceptions import UnexpectedInput, UnexpectedToken
 
-from gantrysim.controllers.basic.statements import with_keywords
-from gantrysim.controllers.softmc.basic.statement_table import BLOCKS, COMMANDS
+from gantrysim.controllers.basic.statements import Statements, with_keywords
+from gantrysim.controllers.softmc.basic import commands, statements
 from gantrysim.controllers.softmc.basic.tree import Node
 from gantrysim.controllers.softmc.commands import SoftMCError
 
 LONGEST = 1_000_000  # characters of a program
 # strings too, first, as an apostrophe within one begins no comment
 _COMMENT = re.compile(r"\"[^\"\n]*\"|'[^\n]*|^[ \t]*rem\b[^\n]*", re.IGNORECASE | re.MULTILINE)
+# all commands and blocks of MC-Basic
+COMMANDS = Statements.of(statements.command, commands.command)
+BLOCKS = statements.block
+
 # what may stand first in a line besides commands and blocks: words of programs, and parts of blocks
 _OF_PROGRAMS = {"end", "function", "next", "program", "sub"}
 _OF_BLOCKS = ("else", "elseif", "loop")

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.trio.basic.axis import Axis
-from gantrysim.controllers.trio.basic.corner_rules import SHARP_CORNERS, SMALL_CIRCLES
+from gantrysim.controllers.trio.basic.buffers import Axis
+from gantrysim.controllers.trio.basic.moves import SHARP_CORNERS, SMALL_CIRCLES
 from gantrysim.controllers.trio.basic.process import State
 
 TRUE = -1.0

@@ -1,9 +1,11 @@
-"""Programs run against the motion generator, servo period by servo period."""
+"""Programs run against the motion generator, servo period by servo period, with their outputs and the moves' speeds."""
 
 from __future__ import annotations
 
 import math
+import re
 from array import array
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,13 +14,21 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.tasks import Scheduler, StatementClock
-from gantrysim.controllers.trio.basic.axis import Axis
-from gantrysim.controllers.trio.basic.outputs import SetPoint
-from gantrysim.controllers.trio.basic.process import ProgramCode, State
+from gantrysim.controllers.trio.basic.buffers import MOST_AXES, Axis
+from gantrysim.controllers.trio.basic.process import MOST_ANALOGUE, MOST_OUTPUTS, ProgramCode, State
+from gantrysim.controllers.trio.basic.words import MOST_BITS
 
 RECORDED = 4  # axes 0 to 3 can be those of the machine without being named
 _LONGEST = 1000  # servo periods passed at once
 _LONGEST_WAIT = 300.0  # for a condition, with all axes at rest [s]
+
+SetPoint = Callable[[State], float]
+
+_WORD = re.compile(r"(AOUT|DAC AXIS|OP)\((\d{1,4})(?:,(\d{1,4}))?\)")
+
+_MOVE = re.compile(r"\b(MOVEABS|MOVECIRC|MOVE|MHELICAL)(?:SP)?(?=[ \t]*\()", re.IGNORECASE)
+_TEXT_OR_COMMENT = re.compile(r"(\"[^\"\n]*\"|'[^\n]*)")
+_DIGITS = 8  # of a speed
 
 
 @dataclass(frozen=True)
@@ -185,3 +195,71 @@ class _Run:
 
     def _active_line(self, axes: list[Axis]) -> int:
         return next((axis.member.line for axis in axes if axis.member is not None), self._clock.line)
+
+
+def set_point(word: str) -> SetPoint:
+    """Return what reads an output: "AOUT(0)", "DAC AXIS(3)", "OP(8)", or as a number the bits of "OP(8,15)".
+
+    Raises:
+        InputError: another word, or a number out of bounds.
+    """
+    parts = _WORD.fullmatch(word)
+    if parts is None or (parts[3] is not None and parts[1] != "OP"):
+        raise InputError(
+            f'flow_output = "{word}": must be with its numbers "AOUT(0)", "DAC AXIS(3)", "OP(8)", or "OP(8,15)" for '
+            "the number of which these outputs are the bits"
+        )
+    kind = parts[1]
+    first = int(parts[2])
+    last = first if parts[3] is None else int(parts[3])
+    most = {"AOUT": MOST_ANALOGUE, "DAC AXIS": MOST_AXES, "OP": MOST_OUTPUTS}[kind]
+    if not (0 <= last - first < MOST_BITS and last < most):
+        raise InputError(f'flow_output = "{word}": must be up to {most - 1}, of at most {MOST_BITS} bits')
+    if kind == "AOUT":
+        return lambda state: state.analogue.get(first, 0.0)
+    if kind == "DAC AXIS":
+        return lambda state: state.motion.axis(first).values.get("DAC", 0.0)
+    return lambda state: float(sum(1 << k for k in range(last - first + 1) if first + k in state.outputs))
+
+
+def with_move_speeds(text: str, speeds: Mapping[int, float]) -> str:
+    """Return a text whose moves have speeds of their own.
+
+    A move buffers FORCE_SPEED, its speed, and STARTMOVE_SPEED, to which the move before brakes; SPEED would act at once
+    on the move that runs when the program sets it.
+
+    Args:
+        text: of the program.
+        speeds: path speeds of the moves by their lines [mm/s].
+    """
+    lines = text.split("\n")
+    for number, speed in speeds.items():
+        parts = _TEXT_OR_COMMENT.split(lines[number - 1])
+        # splitting at a group leaves texts and comments at every second place
+        parts[::2] = [_MOVE.sub(lambda match: f"{match[1]}SP", part) for part in parts[::2]]
+        line = "".join(parts)
+        match = _MOVE.search(line)
+        # speeds stay set until the next ones
+        if match is None or (speeds.get(number - 1) == speed and _MOVE.search(lines[number - 2])):
+            lines[number - 1] = line
+            continue
+        words = f"FORCE_SPEED={speed:.{_DIGITS}g}: STARTMOVE_SPEED={speed:.{_DIGITS}g}: "
+        lines[number - 1] = line[: match.start()] + words + line[match.start() :]
+    return "\n".join(lines)
+
+
+def speeds_of_moves(trace: Trace) -> dict[int, float]:
+    """Return the path speeds of the moves of a run by their lines: that which each forces, else the fastest one [mm/s].
+
+    A line that runs several times is as fast as its slowest pass.
+    """
+    steps = np.sqrt((np.diff(trace.position[:, :3], axis=0) ** 2).sum(axis=1)) / trace.period
+    reached = np.zeros(int(trace.lines.max(initial=0)) + 1)
+    np.maximum.at(reached, trace.lines[1:], steps)
+    speeds: dict[int, float] = {}
+    for move in trace.state.motion.loaded:
+        speed = float(reached[move.line]) if move.line < reached.size else 0.0
+        if move.speeds is not None and move.speeds.force is not None:
+            speed = move.speeds.force
+        speeds[move.line] = min(speed, speeds.get(move.line, np.inf))
+    return speeds

@@ -12,8 +12,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
-from gantrysim.controllers.trio.basic.axis import Axis
-from gantrysim.controllers.trio.basic.buffers import Buffers
+from gantrysim.controllers.trio.basic.buffers import Axis, Buffers
 from gantrysim.controllers.trio.basic.moves import CONNECT, Arc, Move, Shape, Straight
 from gantrysim.controllers.trio.basic.profile import Speed
 

@@ -18,21 +18,24 @@ from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.errors import InputError, at_least, finite, positive, whole_number
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.speeds import SpeedWords
-from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.speeds import SpeedWords, Stretches
 from gantrysim.controllers.trio.basic import interpreter, text
 from gantrysim.controllers.trio.basic.buffers import MOST_AXES, MotionSettings
 from gantrysim.controllers.trio.basic.expressions import known_words
-from gantrysim.controllers.trio.basic.interpreter import GlueOutputs, Limits, Trace
+from gantrysim.controllers.trio.basic.interpreter import (
+    GlueOutputs,
+    Limits,
+    Trace,
+    set_point,
+    speeds_of_moves,
+    with_move_speeds,
+)
 from gantrysim.controllers.trio.basic.motion import Motion
-from gantrysim.controllers.trio.basic.move_speeds import speeds_of_moves, with_move_speeds
 from gantrysim.controllers.trio.basic.moves import Arc
-from gantrysim.controllers.trio.basic.outputs import set_point
 from gantrysim.controllers.trio.basic.path import StatedSpiral, around, exact, on_path, polyline
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Printed, ProgramCode, State
 from gantrysim.controllers.trio.basic.raw import ProcessAssembler, Source
-from gantrysim.controllers.trio.basic.statement_table import STATEMENTS
-from gantrysim.controllers.trio.basic.text import located_errors, with_files
+from gantrysim.controllers.trio.basic.text import STATEMENTS, located_errors, with_files
 from gantrysim.controllers.trio.basic.words import NOTED
 from gantrysim.paths.path import Path
 from gantrysim.paths.spirals import Involute

@@ -12,11 +12,11 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.code import Act
 from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.trio.basic import words
-from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.axis_parameters import AXIS_PARAMETERS
+from gantrysim.controllers.trio.basic.buffers import Axis
 from gantrysim.controllers.trio.basic.commands import COMMANDS, WAIT
-from gantrysim.controllers.trio.basic.declarations import variable
 from gantrysim.controllers.trio.basic.expressions import unknown_word
+from gantrysim.controllers.trio.basic.flow import variable
 from gantrysim.controllers.trio.basic.process import VR_SIZE, Process, index
 from gantrysim.controllers.trio.basic.raw import Evaluate, Expression, Handler, ProcessAssembler, Raw, Reference, Spelt
 

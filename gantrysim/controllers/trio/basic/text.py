@@ -15,11 +15,10 @@ from typing import Any, cast
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.input_files import check_inside
-from gantrysim.base.toml_files import read_text
+from gantrysim.base.input_files import check_inside, read_text
 from gantrysim.controllers.basic.operators import RankedOperator, number_of
-from gantrysim.controllers.basic.statements import with_keywords
-from gantrysim.controllers.trio.basic import words
+from gantrysim.controllers.basic.statements import Statements, with_keywords
+from gantrysim.controllers.trio.basic import flow, statements, words
 from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.expressions import (
     OPERATORS,
@@ -30,7 +29,6 @@ from gantrysim.controllers.trio.basic.expressions import (
     value_of,
 )
 from gantrysim.controllers.trio.basic.raw import Expression, Raw, Reference, Source, Spelt
-from gantrysim.controllers.trio.basic.statement_table import STATEMENTS
 
 # PRINT(...) as people write it: brackets about all that a PRINT shows, which mean nothing.
 
@@ -38,6 +36,9 @@ _BRACKETED = re.compile(r"PRINT[ \t]*\(", re.IGNORECASE)
 _PLACES = re.compile(r"\"[^\"\n]*\"|'[^\n]*|\bREM\b[^\n]*|(?P<print>\bPRINT[ \t]*)\(", re.IGNORECASE)
 _INSIDE = re.compile(r"\"[^\"\n]*\"|[()\n']")
 _END = re.compile(r"[ \t]*(?:$|[:\n']|REM\b|ELSE\b)", re.IGNORECASE)
+
+# all statements of Trio BASIC with a syntax of their own
+STATEMENTS = Statements.of(statements.statement, flow.statement)
 
 
 def without_print_brackets(text: str) -> str:

@@ -1,1 +1,0 @@
-"""Arrangements of axes: each function turns a table into the bodies, joints and motors of a machine."""
