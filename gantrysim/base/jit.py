@@ -41,18 +41,7 @@ import numba  # noqa: E402 - which reads that file
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 # rooms in which nothing is compiled, and of which compiled functions use nothing
-UNCOMPILED = frozenset(
-    (
-        "cli",
-        "compare",
-        "exchange",
-        "job",
-        "live",
-        "remedy",
-        "study",
-        "tables",
-    )
-)
+UNCOMPILED = frozenset(("cli", "compare", "exchange", "job", "live", "remedy", "study", "tables"))
 # what a disk must have left for a cache [bytes]
 _SPACE = 2**26
 # versions of the package, of numba and of its settings whose caches are kept
@@ -60,6 +49,8 @@ _VERSIONS = 8
 # age at which a process' copy of the cache is taken for that of a killed process [s]
 _ABANDONED = 86400.0
 _MANIFEST = "checksums"
+# settings of numba that do not decide what it compiles; joblib gives each worker its number of threads
+_INDIFFERENT = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")
 _PACKAGE = Path(__file__).parents[1]
 
 _compiled: list[Any] = []
@@ -143,7 +134,9 @@ def source_hash() -> str:
 def _version() -> str:
     """Return a hash of all that decides what is compiled, and where numba keeps it."""
     # numba's own keys tell processors of one kind apart
-    settings = sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
+    settings = sorted(
+        (name, value) for name, value in os.environ.items() if name.startswith("NUMBA_") and name not in _INDIFFERENT
+    )
     deciding = (source_hash(), str(_PACKAGE), numba.__version__, platform.machine(), settings)
     return hashlib.sha256(repr(deciding).encode()).hexdigest()[:16]
 

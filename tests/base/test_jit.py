@@ -113,6 +113,13 @@ def test_what_is_compiled_is_kept_until_a_file_changes(package):
     assert package.ask() == (8.0, 2)
 
 
+def test_settings_that_decide_nothing_leave_the_cache_as_it_is(package):
+    """As the number of threads, which joblib sets in its workers."""
+    assert package.ask() == (7.0, 2)
+    assert package.ask(NUMBA_NUM_THREADS="1") == (7.0, 0)
+    assert package.ask(NUMBA_OPT="1") == (7.0, 2)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "right"), [("2.0", "5.0", 16.0), ("FACTOR * value", "FACTOR / value", 2.0 / 3.0 + 1.0)]
 )

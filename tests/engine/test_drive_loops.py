@@ -50,6 +50,7 @@ def still(machine, ticks=WATCHED, period=1e-3):
     return Setpoints(period, machine.axis_names, position, off, ramp(50.0).requested)
 
 
+@pytest.mark.first
 @pytest.mark.parametrize("bandwidth", [8.0, 20.0])
 def test_a_velocity_loop_answers_a_step_as_its_two_poles_do(xy, bandwidth):
     """v / w = (2 p s + p²) / (s + p)² with p half of K / J: 1 - (1 - p t) exp(-p t), for lags far below 1 / p."""

@@ -157,7 +157,7 @@ def compare_random(seed, tmp_path):
 
 @pytest.mark.first
 def test_random_machines_run_as_in_mujoco(tmp_path):
-    compared = [compare_random(seed, tmp_path) for seed in range(12)]
+    compared = [compare_random(seed, tmp_path) for seed in range(9)]
     assert sum(map(bool, compared)) > 2
 
 

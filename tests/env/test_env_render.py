@@ -96,6 +96,7 @@ def test_the_first_picture_of_a_climbing_job_has_the_whole_work_piece():
     env.close()
 
 
+@pytest.mark.first
 def test_an_episode_is_filmed_without_moviepy(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "moviepy", None)
     env = gymnasium.make("gantrysim/SpeedOverride-v1", diameter=36.0, turns=1, thickness=9.0).unwrapped

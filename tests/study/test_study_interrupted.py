@@ -123,7 +123,7 @@ def test_workers_end_with_a_study_that_is_killed(tmp_path, rows):
     until = time.monotonic() + PATIENCE
     while len(members(process.pid)) < 3:  # itself, its helper and a worker, which without a row has only just begun
         assert time.monotonic() < until
-        time.sleep(0.01)
+        time.sleep(0.05)
     process.kill()  # it alone
     process.wait()
     until = time.monotonic() + PATIENCE

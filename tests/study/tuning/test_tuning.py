@@ -254,18 +254,18 @@ def test_an_interrupted_search_resumes_to_the_same_result(outcome, poor, tmp_pat
     assert content(tmp_path / "a") == content(folder)
 
 
-def test_a_start_that_faults_is_replaced_by_feasible_gains(tmp_path):
+def test_a_start_that_faults_is_replaced_by_feasible_gains():
     study = tuning(detuned(1.0, kp=40.0, ki=40.0), budget=24)
-    done = run_study(study, tmp_path / "a", workers=1)
-    history = study.history(done.rows)
+    rows = searched(study)
+    history = study.history(rows)
     assert history.start.order(0.02)[0] == 4
     assert history.best.order(0.02)[0] == 1
-    assert done.findings[0].partition(";")[0] == (
+    assert report.answer(study, rows).partition(";")[0] == (
         "Run with --servo tuned.toml: the rms contour error, worst of 2 machines, is "
         f"{history.best.metric:.4g} µm instead of fault"
     )
-    assert "contour_rms: fault at the start, " in (tmp_path / "a" / TUNED).read_text()
-    assert results(study, done.rows)["rms contour error, worst of 2 machines [µm]"][0] is None
+    assert "contour_rms: fault at the start, " in study.text(TUNED, rows)
+    assert results(study, rows)["rms contour error, worst of 2 machines [µm]"][0] is None
 
 
 @pytest.mark.soak
