@@ -39,7 +39,7 @@ bundle() { # SOURCE TARGET LIBRARY FURTHER OPTIONS
         --log-level=warning "$@"
 }
 bundle main.js viewer.min.js "uPlot $uplot, MIT, see LICENSE.uplot"
-bundle view3d.js viewer3d.min.js "three.js $three, MIT, see LICENSE.three" --global-name=gantrysimSpace
+bundle space3d.js viewer3d.min.js "three.js $three, MIT, see LICENSE.three" --global-name=gantrysimSpace
 digest=$(cd "$root/gantrysim" && ls -- report/web/*.js live/web/*.js | grep -v '\.min\.js$' | LC_ALL=C sort | xargs cat | sha256sum | cut -d' ' -f1)
 bundle live/web/workbench.js workbench.min.js "uPlot $uplot, MIT, see LICENSE.uplot"
 cp workbench.min.js "$live/workbench.min.js"

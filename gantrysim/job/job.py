@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 from gantrysim.base import memory
 from gantrysim.base.errors import at_least, short_text, wrong_type
@@ -98,7 +98,25 @@ class Job(LoadedJob):
         """The program's setpoints, held at the start for the dispenser's start lead and at the end to settle."""
         settle = at_least("settle", self.simulation.settle, 0, "s")
         with self.locate_errors():
-            return self.dispenser.held_back(self._program_setpoints).hold(settle)
+            sent = self._program_setpoints
+            held = self.dispenser.held_back(sent)
+            # `start_wait` would plan the whole program once more
+            self.__dict__["start_wait"] = (len(held.position) - len(sent.position)) * sent.period
+            return held.hold(settle)
+
+    def sharing(self, other: Self) -> Self:
+        """As of `LoadedJob`, and with the setpoints where these have been computed and are the same."""
+        shared = super().sharing(other)
+        is_same = (
+            self.program == other.program
+            and self.servo.period == other.servo.period
+            and self.dispenser.start_lead == other.dispenser.start_lead
+            and self.simulation.settle == other.simulation.settle
+        )
+        if is_same and not is_code(self.program["controller"]):
+            known = {name: other.__dict__[name] for name in ("setpoints", "start_wait") if name in other.__dict__}
+            shared.__dict__.update(known)
+        return shared
 
     @property
     def _program_setpoints(self) -> Setpoints:

@@ -305,7 +305,14 @@ class LoadedJob(JobContent):
             job = job.at_speed(speed)
         return job._with_choices(OpenValues.of(content, given.dialect), sibling).with_given(given)
 
-    def loaded_with(self, values: Mapping[str, Any], *, in_file: bool = False, speed: float | None = None) -> Self:
+    def loaded_with(
+        self,
+        values: Mapping[str, Any],
+        *,
+        in_file: bool = False,
+        speed: float | None = None,
+        sibling: Self | None = None,
+    ) -> Self:
         """Return the job as it is loaded with further values: what nobody gives is chosen again, and may be another.
 
         A job that was not loaded gives every value itself.
@@ -314,6 +321,8 @@ class LoadedJob(JobContent):
             values: by their full dotted keys, after the caller's options.
             in_file: whether the values stand in the job's file, and no options are given.
             speed: of the program's fastest motion, in place of the one that the caller gave [mm/s].
+            sibling: job of the same file, with which machine and program are shared where they are the same; by default
+                this one.
 
         Raises:
             InputError: an invalid key or value.
@@ -324,7 +333,7 @@ class LoadedJob(JobContent):
         content = self.given.with_values(values, in_file=in_file)
         if speed is None and not in_file:
             speed = self.given.speed
-        return self.of_given(self.given, content, speed, self)
+        return self.of_given(self.given, content, speed, self if sibling is None else sibling)
 
     def _with_choices(self, open_values: OpenValues, sibling: Self | None) -> Self:
         """Return the job with a machine and glue for its program, where nobody gave any; its first note says so."""

@@ -65,7 +65,7 @@ class _Heights(NamedTuple):
 
 
 # arguments of a program that change neither what its text says nor how it is read
-REPLANNED = {"placement", "axis_speeds"}
+REPLANNED = {"placement", "axis_speeds", "acceleration"}
 
 
 def share_text(

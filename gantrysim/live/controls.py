@@ -179,11 +179,13 @@ def _override(opened: Job, override: float) -> Iterator[Control]:
 
 def _numbers(job: Job, opened: Job) -> Iterator[Control]:
     known = set(known_keys(opened.model_dump(exclude_none=True), allow_code=False))
+    contents = [(a_job, a_job.model_dump()) for a_job in (opened, job)]
     meanings = _meanings(opened.program["controller"])
     for kind in _KINDS:
-        initial = _number(opened, kind)
-        value = _number(job, kind)
-        if kind.key not in known or initial is None or value is None or (kind.key in _OPTIONAL and initial <= 0):
+        if kind.key not in known:
+            continue
+        initial, value = (_number(a_job, content, kind) for a_job, content in contents)
+        if initial is None or value is None or (kind.key in _OPTIONAL and initial <= 0):
             continue
         if kind.key == "servo.frequency" and has_loop_gains(opened.servo.model_dump(exclude_none=True)):
             continue
@@ -206,9 +208,9 @@ def _numbers(job: Job, opened: Job) -> Iterator[Control]:
         )
 
 
-def _number(job: Job, kind: _Kind) -> float | None:
+def _number(job: Job, content: Mapping[str, Any], kind: _Kind) -> float | None:
     """Return the value of a job where it is one number, or what the job derives it as; None where there is none."""
-    value: Any = job.model_dump()
+    value: Any = content
     for name in kind.key.split("."):
         value = value.get(name) if isinstance(value, Mapping) else None
     if kind.key == "servo.frequency" and value is None:

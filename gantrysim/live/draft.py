@@ -83,11 +83,12 @@ class Draft:
             return None
         return code_of(text, self.path)
 
-    def job(self, opened: Job) -> Job:
+    def job(self, opened: Job, latest: Job | None = None) -> Job:
         """Return the job with all changes.
 
         Args:
             opened: as `opened` returns it.
+            latest: job of the same file, with which machine and program are shared where they are the same.
 
         Raises:
             InputError: an invalid value or program.
@@ -95,10 +96,11 @@ class Draft:
         values = dict(self.values)
         if self.program is not None:
             values[f"program.{opened.controller.text_argument}"] = self.program
-        job = opened.loaded_with(values) if values else opened
+        job = opened.loaded_with(values, sibling=latest) if values else opened
         if self.override == _WHOLE:
             return job
-        return opened.loaded_with(values, speed=job.controller.programmed_speed * self.override / _WHOLE)
+        speed = job.controller.programmed_speed * self.override / _WHOLE
+        return opened.loaded_with(values, speed=speed, sibling=latest)
 
     def file_text(self) -> str | None:
         """Return the text of the job file; None for a program file.

@@ -80,18 +80,39 @@ def outline(machine: Machine, positions: Floats) -> list[Part]:
     qpos = np.array([machine.to_qpos(position) for position in positions])
     carriers = _carriers(model, qpos)
     bodies = np.unique(carriers)
-    frames = np.empty((len(qpos), len(bodies), 7))
+    wanted = np.append(bodies, machine.work)
+    places = np.empty((len(qpos), len(wanted), 3))
+    turns = np.empty((len(qpos), len(wanted), 4))
     with quiet():
-        for frame, joints in zip(frames, qpos, strict=True):
+        for place, turn, joints in zip(places, turns, qpos, strict=True):
             data.qpos[:] = joints
             mujoco.mj_kinematics(model, data)
-            frame[:] = [_in_body(data, machine.work, data.xpos[body], data.xquat[body]) for body in bodies]
+            place[:] = data.xpos[wanted]
+            turn[:] = data.xquat[wanted]
         solids = [tuple(_solids(model, data, np.flatnonzero(carriers == body), int(body))) for body in bodies]
+    # of the work, from which all others are seen
+    inverse = turns[:, -1] * [1.0, -1.0, -1.0, -1.0]
     parts = []
-    for body, frame, shapes in zip(bodies.tolist(), frames.swapaxes(0, 1), solids, strict=True):
+    for k, (body, shapes) in enumerate(zip(bodies.tolist(), solids, strict=True)):
         if shapes:
-            parts.append(Part(model.body(body).name, shapes, _MM * frame[:, :3], _steady_sign(frame[:, 3:])))
+            position = _MM * _rotated(places[:, k] - places[:, -1], inverse)
+            rotation = _steady_sign(_product(inverse, turns[:, k]))
+            parts.append(Part(model.body(body).name, shapes, position, rotation))
     return parts
+
+
+def _product(left: Floats, right: Floats) -> Floats:
+    """Return the products of quaternions w, x, y, z, (n, 4) each."""
+    w = left[:, :1] * right[:, :1] - np.sum(left[:, 1:] * right[:, 1:], axis=1, keepdims=True)
+    vector = left[:, :1] * right[:, 1:] + right[:, :1] * left[:, 1:] + np.cross(left[:, 1:], right[:, 1:])
+    return np.concatenate([w, vector], axis=1)
+
+
+def _rotated(vectors: Floats, rotation: Floats) -> Floats:
+    """Return vectors, (n, 3), turned by quaternions, (n, 4)."""
+    # v' = v + 2 u x (u x v + w v) for the quaternion (w, u)
+    u = rotation[:, 1:]
+    return vectors + 2.0 * np.cross(u, np.cross(u, vectors) + rotation[:, :1] * vectors)
 
 
 def _carriers(model: mujoco.MjModel, qpos: Floats) -> NDArray[np.intp]:

@@ -57,7 +57,7 @@ def contour_sentence(budget: Budget, causes: Causes | None = None) -> str:
     For a run that ended in a fault, or came to a deliberate fault, it states what happened. Such a run's error has its
     cause in the fault, in whatever link it lies, so no link is named.
     """
-    contour = budget.values.contour
+    contour = budget.contour_values
     run = budget.analysis.run
     if run.fault is not None or reached_faults(run):
         return f"{happened_events(run)} {_error_with_faults(budget)}"
@@ -67,7 +67,7 @@ def contour_sentence(budget: Budget, causes: Causes | None = None) -> str:
     if contour.rms < NO_ERROR:
         exactly = "" if along else " exactly"
         return f"Contour error: none, the nozzle follows the requested path{exactly}.{along}"
-    link, part = max(budget.values.parts.items(), key=lambda item: item[1].share)
+    link, part = max(budget.part_values.items(), key=lambda item: item[1].share)
     portion = _portion(part.share)
     where = f"Contour error: {CONTOUR.text(contour.rms)} rms, {portion} in {link} ({DESCRIPTIONS[link]})."
     sentences = [where] if causes is None else [where, *cause_sentences(causes)]

@@ -23,11 +23,13 @@ from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.report.encoding import MOST_ROWS, encoded_numbers, shown_rows
-from gantrysim.report.viewer_data import BEAD, ERROR, MOTION
+from gantrysim.report.viewer_data import BEAD, ERROR, MOTION, bead_height
 from gantrysim.results.colours import INK, RUNS
 
 _UM = 1e3
 _DIGITS = 4  # significant, of a quantity's largest value
+_LEVEL = 1e-6  # [mm], height above which a run leaves its plane
+_PLACES = ("x", "y", "z", "dx", "dy", "height", "time")  # columns without a strip
 
 # quantities of the strips: label, unit, group, meaning
 Strip = tuple[str, str, str, str]
@@ -39,11 +41,13 @@ class OverlayData:
     Args:
         comparison: of runs.
         most: about the largest number of rows.
+        in_space: whether there is a 3-D view, which needs heights.
     """
 
-    def __init__(self, comparison: ComparedRuns, most: int = MOST_ROWS) -> None:
+    def __init__(self, comparison: ComparedRuns, most: int = MOST_ROWS, *, in_space: bool = False) -> None:
         self.comparison = comparison
         self._most = most // len(comparison.runs)
+        self._in_space = in_space
 
     @property
     def strips(self) -> dict[str, Strip]:
@@ -72,6 +76,10 @@ class OverlayData:
         bead = _bead(run)
         if bead is not None:
             yield "width", np.interp(bead.length[ticks], bead.place, bead.width)
+            if self._in_space:
+                yield "height", bead_height(bead, ticks)
+        if self._in_space and np.ptp(analysis.run.nozzle[ticks, 2]) > _LEVEL:
+            yield "z", analysis.run.nozzle[ticks, 2]
         yield "speed", path_speed(analysis.run)[ticks]
 
     def columns(self) -> tuple[Floats, list[dict[str, Floats]]]:
@@ -116,10 +124,11 @@ class OverlayData:
         coded = {"place": encoded_numbers(places)}
         for number, table in enumerate(columns):
             for name, values in table.items():
-                if name in strips or name in ("x", "y", "dx", "dy", "time"):
+                if name in strips or name in _PLACES:
                     coded[f"{name}.{number}"] = encoded_numbers(values)
         return {
             "rows": int(places.size),
+            "gaps": self._gaps(),
             "worst": self._worst_row(places),
             "by_path": comparison.by_path,
             "columns": coded,
@@ -147,6 +156,13 @@ class OverlayData:
                 [None if v.tolerance is None else v.tolerance.bead_width for v in comparison.verdicts]
             ),
         }
+
+    def _gaps(self) -> list[float] | None:
+        """Return the gap between nozzle and surface of each run [mm]; None without a 3-D view."""
+        if not self._in_space:
+            return None
+        beads = [(run, _bead(run)) for run in self.comparison.runs]
+        return [run.analysis.run.gap if bead is None else bead.gap for run, bead in beads]
 
     def text(self) -> str:
         """Return the content as JSON that may stand in an HTML script element."""

@@ -32,6 +32,9 @@ from gantrysim.paths.feet import assigned_progress
 from gantrysim.paths.pieces import Vector, vector
 from gantrysim.record.setpoints import Setpoints, ticks
 
+# what of a program its text and its place alone decide
+_OF_TEXT = ("_outputs", "_motions", "_valve_motions", "legs", "requested")
+
 # Notes on a program: cutter compensation without an offset, and where the motion stops although it need not.
 
 
@@ -262,6 +265,11 @@ class Program(Controller):
         if isinstance(self.program, str):
             return switched_legs(legs, self._outputs, self.placement.upward)
         return legs, None
+
+    def sharing_text_of(self, other: Program) -> None:
+        """Take over what another program with the same text and start has read of it, and its path at the same place."""
+        if self.placement == other.placement:
+            self.__dict__.update({name: other.__dict__[name] for name in _OF_TEXT if name in other.__dict__})
 
     @cached_property
     def requested(self) -> Chain:

@@ -82,7 +82,8 @@ export class Controls {
     let held = false; // while it is dragged or typed in
     /** @param {number} value */
     const paint = (value) => {
-      slider.setAttribute("aria-valuetext", `${short(value)} ${unit}`.trim());
+      const text = `${short(value)} ${unit}`.trim();
+      if (slider.getAttribute("aria-valuetext") !== text) slider.setAttribute("aria-valuetext", text);
       reset.hidden = Math.abs(value - initial) <= 1e-9 * Math.abs(initial);
     };
     slider.addEventListener("input", () => {
@@ -102,8 +103,12 @@ export class Controls {
     /** @param {number} value */
     const set = (value) => {
       if (held) return;
-      if (document.activeElement !== number || number.value === "") number.value = short(value);
-      slider.value = String(Math.round(STEPS * share(value)));
+      // what stays is not written: the browser would paint it again
+      const text = short(value);
+      const isTyped = document.activeElement === number && number.value !== "";
+      if (!isTyped && number.value !== text) number.value = text;
+      const place = String(Math.round(STEPS * share(value)));
+      if (slider.value !== place) slider.value = place;
       paint(value);
     };
     return { element: row, set };
@@ -112,7 +117,7 @@ export class Controls {
   /** @param {ControlContent} control */
   _choice(control) {
     const { key, label, options, initial } = control;
-    const select = element("select", { "aria-label": label, "data-key": key }, ...options.map((name) => element("option", { value: name }, name.split(/[\\/]/).pop())));
+    const select = element("select", { "aria-label": label, "data-key": key }, ...options.map((name) => element("option", { value: name }, name.replace(/.*[\\/]/, ""))));
     const reset = this._reset(control);
     select.addEventListener("change", () => this.changed({ [key]: select.value }, false));
     const row = element("div", { class: "control choice-row" }, element("span", { class: "label" }, label), select, reset);
@@ -146,7 +151,7 @@ export class Controls {
       set: (laws) => {
         value = laws;
         select.value = laws[0];
-        for (const button of buttons) button.setAttribute("aria-pressed", String(laws.includes(button.dataset.law)));
+        for (const button of buttons) button.setAttribute("aria-pressed", String(laws.includes(button.dataset.law ?? "")));
         reset.hidden = JSON.stringify(laws) === JSON.stringify(initial);
       },
     };

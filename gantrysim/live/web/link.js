@@ -3,6 +3,8 @@
 const AGAIN = 1000; // after which a lost connection is tried again [ms]
 
 export class Link {
+  /** @type {WebSocket} */ socket;
+
   /**
    * @param {Listeners} listeners functions by the kind of message, with its content; "result" gets head and content, "lost"
    *   nothing

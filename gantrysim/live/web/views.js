@@ -7,6 +7,7 @@ import { ComparedStrips } from "../../report/web/comparison.js";
 import { Cursor } from "../../report/web/cursor.js";
 import { nearest, RunData } from "../../report/web/data.js";
 import { element, toggle } from "../../report/web/dom.js";
+import { FilmLink } from "../../report/web/film.js";
 import { regionOf } from "../../report/web/map.js";
 import { Overlay } from "../../report/web/overlay.js";
 import { Plan } from "../../report/web/plan.js";
@@ -15,25 +16,93 @@ import { Space } from "../../report/web/space.js";
 import { Strips } from "../../report/web/strips.js";
 
 /** @type {Record<string, string>} */
-const LABELS = { bead: "Bead", plan: "Path error", both: "Both", space: "3-D" };
+const LABELS = { bead: "Bead", plan: "Path error", both: "Both", overlay: "Plan", space: "3-D" };
 /** @type {Record<string, string[]>} */
 const SHOWN = { both: ["bead", "plan"] }; // by a choice, where it is not the view of its name
 
-/** @type {Promise<typeof import("../../report/web/view3d.js").View>} */
-let spaceView;
+/** @type {Promise<Window["gantrysimSpace"]> | undefined} */
+let spaceViews;
 
-/** The class of the 3-D view, whose script is loaded once. */
+/** The classes of the 3-D views, whose script is loaded once. */
 function loadSpace() {
-  spaceView ??= new Promise((resolve, reject) => {
+  spaceViews ??= new Promise((resolve, reject) => {
     const script = element("script", { src: "/viewer3d.js" });
-    script.addEventListener("load", () => resolve(window.gantrysimSpace.View));
+    script.addEventListener("load", () => resolve(window.gantrysimSpace));
     script.addEventListener("error", () => reject(new Error("the script of the 3-D view was not sent")));
     document.head.append(script);
   });
-  return spaceView;
+  return spaceViews;
 }
 
+/**
+ * What shows a run, or runs over one another.
+ *
+ * @template {RunData | ComparedData} Data
+ * @typedef {object} Shown
+ * @property {Data} data
+ * @property {Cursor} cursor
+ * @property {Region} region what the maps show
+ * @property {Strips<Data>} strips
+ * @property {{ element: HTMLElement }} readout
+ * @property {Record<string, RunView>} views by their choices
+ */
+
+/** @param {RunData} data @returns {Shown<RunData>} */
+function shownRun(data) {
+  const cursor = new Cursor(data.rows, data.worst);
+  const region = regionOfRun(data);
+  const strips = new Strips(data, cursor);
+  const readout = new Readout(data, cursor, (name, shown) => strips.setShown(name, shown));
+  /** @type {Record<string, RunView>} */
+  const views = {};
+  if (data.width || data.dots.length) views.bead = new BeadMap(data, cursor, region);
+  views.plan = new Plan(data, cursor, region);
+  if (data.space) views.space = new Space(async () => new (await loadSpace()).View(data, cursor));
+  return { data, cursor, region, strips, readout, views };
+}
+
+/** @param {ComparedData} data @returns {Shown<ComparedData>} */
+function shownRuns(data) {
+  const cursor = new Cursor(data.rows, data.worst);
+  const region = regionOfRuns(data);
+  const strips = new ComparedStrips(data, cursor);
+  const overlay = new Overlay(data, cursor, region);
+  const space = new Space(async () => new (await loadSpace()).ComparedView(data, cursor));
+  const readout = new ComparedReadout(data, cursor, (number, shown) => {
+    strips.setRun(number, shown);
+    overlay.setRun(number, shown);
+    space.update();
+  });
+  /** @type {Record<string, RunView>} */
+  const views = { overlay };
+  if (data.gaps) views.space = space;
+  return { data, cursor, region, strips, readout, views };
+}
+
+/** @param {RunData} data */
+function regionOfRun(data) {
+  const widest = data.dots.reduce((most, dot) => Math.max(most, 2 * dot.radius), data.width || 0);
+  return regionOf([data.column.x, data.requested.x], [data.column.y, data.requested.y], widest);
+}
+
+/** @param {ComparedData} data */
+function regionOfRuns(data) {
+  /** @param {string} name */
+  const columns = (name) => data.runs.map((run, k) => data.column[`${name}.${k}`]);
+  return regionOf(columns("x"), columns("y"), data.width);
+}
+
+/** What the cursor holds on to while runs change: the time, or the common place. @param {RunData | ComparedData} data */
+const placesOf = (data) => ("time" in data ? data.time : data.along);
+
 export class Views {
+  /** What is shown; null before any result. @type {Shown<RunData> | Shown<ComparedData> | null} */
+  shown = null;
+  /** @type {HTMLButtonElement[]} */
+  buttons = [];
+  /** @type {FilmLink | null} */
+  link = null;
+
   /**
    * @param {Record<string, HTMLElement>} places elements for readout, views and strips
    * @param {(line: number) => void} lineAt called with the program's line at the cursor
@@ -45,12 +114,12 @@ export class Views {
     this.placing = placing;
     this.moving = false; // whether a drag moves the part
     this.held = false; // while it does
+    this.wish = "bead"; // the view that was chosen; another is shown where the present runs have none
     this.choice = "bead";
+    this.outdated = new Set(); // views that were hidden when the data changed
     this.shape = "";
-    /** @type {Record<string, RunView>} */
-    this.views = {};
-    /** @type {RunData | ComparedData} */
-    this.data = null;
+    /** The film of the run that is shown. @type {HTMLVideoElement | null} */
+    this.film = null;
   }
 
   /**
@@ -60,97 +129,77 @@ export class Views {
    */
   show(content, name) {
     if (!content.rows) {
-      this.shape = "";
-      this.data = null;
-      for (const place of Object.values(this.places)) place.replaceChildren();
+      this._clear();
       return;
     }
     const shape = JSON.stringify([name, Boolean(this.placing.place()), ...shapeOf(content)]);
-    if (shape === this.shape) this._update(content);
-    else this._build(content);
+    if (shape !== this.shape || !this._update(content)) this._build(content);
     this.shape = shape;
+  }
+
+  _clear() {
+    this.link?.remove();
+    this.link = null;
+    this.shown?.strips.remove();
+    for (const view of this._all()) view.remove?.();
+    this.outdated.clear();
+    this.shown = null;
+    this.shape = "";
+    for (const place of Object.values(this.places)) place.replaceChildren();
   }
 
   /** @param {RunContent | ComparedContent} content */
   _build(content) {
-    this.strips?.remove();
-    for (const view of this._all()) view.remove?.();
-    if ("runs" in content) this._buildCompared(new ComparedData(content));
-    else this._buildRun(new RunData(content));
+    this._clear();
+    const shown = "runs" in content ? shownRuns(new ComparedData(content)) : shownRun(new RunData(content));
+    this.shown = shown;
+    const { data, cursor } = shown;
+    if (data instanceof RunData) cursor.onMove((row) => this.lineAt(data.column.line[row]));
     this.moving = false;
     for (const { map } of this._all()) if (map) this._movable(map);
-    this.places.readout.replaceChildren(this.readout.element);
+    this.places.readout.replaceChildren(shown.readout.element);
     this.places.views.replaceChildren(this._choices(), ...this._all().map((view) => view.element));
-    this.places.strips.replaceChildren(this.strips.element);
+    this.places.strips.replaceChildren(shown.strips.element);
     this._choose(this.choice);
-    this.cursor.set(this.cursor.row, "start");
+    cursor.set(cursor.row, "start");
+    this.linkFilm(this.film);
   }
 
-  /** @param {RunData | ComparedData} data */
-  _hold(data) {
-    this.data = data;
-    this.cursor = new Cursor(data.rows, data.worst);
-    this.region = this._region();
-  }
-
-  /** @param {ComparedData} data */
-  _buildCompared(data) {
-    this._hold(data);
-    const strips = new ComparedStrips(data, this.cursor);
-    const overlay = new Overlay(data, this.cursor, this.region);
-    this.strips = strips;
-    this.views = { overlay };
-    this.readout = new ComparedReadout(data, this.cursor, (number, shown) => {
-      strips.setRun(number, shown);
-      overlay.setRun(number, shown);
-    });
-  }
-
-  /** @param {RunData} data */
-  _buildRun(data) {
-    this._hold(data);
-    const { cursor, region } = this;
-    const strips = new Strips(data, cursor);
-    this.strips = strips;
-    this.readout = new Readout(data, cursor, (name, shown) => strips.setShown(name, shown));
-    this.views = {};
-    if (data.width || data.dots.length) this.views.bead = new BeadMap(data, cursor, region);
-    this.views.plan = new Plan(data, cursor, region);
-    if (data.space) this.views.space = new Space(data, cursor, loadSpace);
-    cursor.onMove((row) => this.lineAt(data.column.line[row]));
-  }
-
-  /** @param {RunContent | ComparedContent} content */
+  /** Show other data in the same views; returns whether these can. @param {RunContent | ComparedContent} content */
   _update(content) {
-    const { data, cursor } = this;
-    const places = this._along();
+    if (!this.shown) return false;
+    const { data, cursor, region, strips } = this.shown;
+    const places = placesOf(data);
     const wasWorst = cursor.row === data.worst && !cursor.pinned;
     const place = places[Math.min(cursor.row, places.length - 1)];
-    if ("runs" in content) /** @type {ComparedData} */ (data).load(content);
-    else /** @type {RunData} */ (data).load(content);
-    if (!this.held) this.region.box = this._region().box; // drawn below, with the scales of the new data
-    cursor.resize(data.rows, wasWorst ? data.worst : nearest(this._along(), place));
-    for (const view of [...this._all(), this.strips]) view.update();
+    if (data instanceof RunData && !("runs" in content)) data.load(content);
+    else if (data instanceof ComparedData && "runs" in content) data.load(content);
+    else return false;
+    // drawn below, with the scales of the new data
+    if (!this.held) region.box = (data instanceof RunData ? regionOfRun(data) : regionOfRuns(data)).box;
+    cursor.resize(data.rows, wasWorst ? data.worst : nearest(placesOf(data), place));
+    for (const view of this._all()) {
+      if (view.element.hidden) this.outdated.add(view);
+      else view.update();
+    }
+    strips.update();
+    return true;
   }
 
   _all() {
-    return Object.values(this.views);
+    return this.shown ? Object.values(this.shown.views) : [];
   }
 
-  /** What the cursor holds on to while runs change: the time, or the common place. */
-  _along() {
-    return "time" in this.data ? this.data.time : this.data.along;
-  }
-
-  _region() {
-    const { data } = this;
-    if ("runs" in data) {
-      /** @param {string} name */
-      const columns = (name) => data.runs.map((run, k) => data.column[`${name}.${k}`]);
-      return regionOf(columns("x"), columns("y"), data.width);
-    }
-    const widest = data.dots.reduce((most, dot) => Math.max(most, 2 * dot.radius), data.width || 0);
-    return regionOf([data.column.x, data.requested.x], [data.column.y, data.requested.y], widest);
+  /**
+   * Let a film and the cursor follow each other; null where there is none of the run that is shown.
+   *
+   * @param {HTMLVideoElement | null} film
+   */
+  linkFilm(film) {
+    this.film = film;
+    this.link?.remove();
+    this.link = null;
+    if (film && this.shown && this.shown.data instanceof RunData) this.link = new FilmLink(film, this.shown.data, this.shown.cursor);
   }
 
   /** Let a drag on a map move the part, where that is chosen; the map stands still meanwhile. @param {PlanMap} map */
@@ -198,13 +247,17 @@ export class Views {
 
   /** The buttons that choose what is shown. */
   _choices() {
+    const views = this.shown?.views ?? {};
     /** @param {string} choice */
-    const isThere = (choice) => (SHOWN[choice] || [choice]).every((name) => name in this.views);
+    const isThere = (choice) => (SHOWN[choice] || [choice]).every((name) => name in views);
     const choices = Object.keys(LABELS).filter(isThere);
-    if (choices.length && !isThere(this.choice)) this.choice = choices[0];
+    this.choice = isThere(this.wish) ? this.wish : choices[0];
     this.buttons = choices.map((choice) => {
       const button = element("button", { type: "button", "data-view": choice }, LABELS[choice]);
-      button.addEventListener("click", () => this._choose(choice));
+      button.addEventListener("click", () => {
+        this.wish = choice;
+        this._choose(choice);
+      });
       return button;
     });
     return element("div", { class: "choices", role: "group", "aria-label": "View" }, ...this.buttons, ...this._mover());
@@ -216,15 +269,19 @@ export class Views {
     if (!this.buttons.length) return;
     for (const button of this.buttons) button.setAttribute("aria-pressed", String(button.dataset.view === choice));
     const shown = SHOWN[choice] || [choice];
-    for (const [name, view] of Object.entries(this.views)) view.element.hidden = !shown.includes(name);
+    for (const [name, view] of Object.entries(this.shown?.views ?? {})) {
+      view.element.hidden = !shown.includes(name);
+      if (!view.element.hidden && this.outdated.delete(view)) view.update();
+    }
   }
 
   /** Highlight the path of a line of the program, 0 for none. @param {number} line */
   chooseLine(line) {
-    if (!this.cursor || !this.data || "runs" in this.data || this.cursor.line === line) return;
-    this.cursor.choose(line || this.cursor.line);
-    const row = line ? this.data.column.line.indexOf(line) : -1;
-    if (row >= 0) this.cursor.set(row, "line");
+    if (!this.shown || !(this.shown.data instanceof RunData) || this.shown.cursor.line === line) return;
+    const { data, cursor } = this.shown;
+    cursor.choose(line || cursor.line);
+    const row = line ? data.column.line.indexOf(line) : -1;
+    if (row >= 0) cursor.set(row, "line");
   }
 }
 

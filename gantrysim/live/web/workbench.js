@@ -1,6 +1,6 @@
 // The workbench: a job is edited, simulated and judged while one watches.
 
-import { element } from "../../report/web/dom.js";
+import { element, within } from "../../report/web/dom.js";
 import { Controls } from "./controls.js";
 import { Editor } from "./editor.js";
 import { Link } from "./link.js";
@@ -21,8 +21,13 @@ const FORMER = "computing; what is shown is of the former value";
  */
 const at = (id) => /** @type {any} */ (document.getElementById(id));
 
-/** @param {string} order @returns {HTMLButtonElement} */
-const buttonOf = (order) => document.querySelector(`[data-do="${order}"]`);
+/** Write a text, unless it stands there: the browser would lay it out again. @param {HTMLElement} place @param {string} text */
+function write(place, text) {
+  if (place.textContent !== text) place.textContent = text;
+}
+
+/** @param {string} order */
+const buttonOf = (order) => /** @type {HTMLButtonElement} */ (within(document, `[data-do="${order}"]`));
 
 class Workbench {
   constructor() {
@@ -109,8 +114,9 @@ class Workbench {
     unsave.title = `put back what stood in ${state.saved}`;
     at("beside").hidden = !state.beside;
     if (state.beside && JSON.stringify(state.beside) !== JSON.stringify(before.beside)) this.laidBeside(state.beside);
-    at("former").textContent = state.filmed ? "" : "of a former value";
-    at("where").textContent = `in ${state.folder}`;
+    write(at("former"), state.filmed ? "" : "of a former value");
+    write(at("where"), `in ${state.folder}`);
+    this.linkFilm();
     at("work").hidden = !state.busy;
     if (!state.busy) at("progress").removeAttribute("value");
     if (!state.busy && this.stale) this.answered();
@@ -152,7 +158,7 @@ class Workbench {
   /** @param {{ share: number, task: string }} progress */
   progress({ share, task }) {
     at("progress").value = share;
-    at("task").textContent = task;
+    write(at("task"), task);
   }
 
   /** @param {Head} head @param {RunContent | ComparedContent} content @param {number} bytes */
@@ -172,7 +178,7 @@ class Workbench {
     this.answered();
   }
 
-  /** @param {State["beside"]} beside */
+  /** @param {BesideState} beside */
   laidBeside({ name, columns, period }) {
     at("beside-title").textContent = `Beside: ${name}`;
     at("difference").textContent = "comparing …";
@@ -189,6 +195,12 @@ class Workbench {
     if (failed) at("assign").open = true;
   }
 
+  /** Let the film and the cursor follow each other, as long as it is of the run that is shown. */
+  linkFilm() {
+    const film = this.state.filmed && !at("film").hidden ? at("video") : null;
+    if (film !== this.views.film) this.views.linkFilm(film);
+  }
+
   /** @param {{ name: string, number: number }} film */
   film({ name, number }) {
     const address = `/film?number=${number}`;
@@ -199,6 +211,8 @@ class Workbench {
     at("download").setAttribute("download", `${name}.mp4`);
     at("film").hidden = false;
     at("film").scrollIntoView({ block: "nearest" });
+    this.views.linkFilm(null); // to the one before
+    this.linkFilm();
   }
 
   /** @param {Refusal | null} refusal */
@@ -227,13 +241,13 @@ class Workbench {
   proposals(proposals) {
     const section = at("proposals");
     section.hidden = false;
-    section.replaceChildren(section.firstElementChild, ...proposalTable(proposals, (number) => this.order({ do: "try", number })));
+    section.replaceChildren(at("proposals-title"), ...proposalTable(proposals, (number) => this.order({ do: "try", number })));
     section.scrollIntoView({ block: "nearest" });
   }
 
   /** @param {string} text */
   say(text) {
-    at("status").textContent = text;
+    write(at("status"), text);
   }
 
   listen() {
@@ -261,6 +275,7 @@ class Workbench {
     });
     at("film-close").addEventListener("click", () => {
       at("film").hidden = true;
+      this.linkFilm();
       at("video").removeAttribute("src");
       at("video").load();
     });
@@ -290,8 +305,10 @@ class Workbench {
     document.addEventListener("drop", async (event) => {
       event.preventDefault();
       document.body.classList.remove("dropping");
-      const folder = event.dataTransfer.items[0]?.webkitGetAsEntry?.();
-      const file = folder?.isDirectory ? await recordOf(/** @type {FileSystemDirectoryEntry} */ (folder)) : event.dataTransfer.files[0];
+      const dropped = event.dataTransfer;
+      if (!dropped) return;
+      const folder = dropped.items[0]?.webkitGetAsEntry?.();
+      const file = folder?.isDirectory ? await recordOf(/** @type {FileSystemDirectoryEntry} */ (folder)) : dropped.files[0];
       if (file) await this.upload(file);
       else this.say(`${folder ? folder.name : "what was dropped"}: no file, nor a folder with ${RECORD}`);
     });

@@ -2,7 +2,7 @@
 // width; and dots, as wide as they lie on the work, coloured by their deviation in volume.
 
 import { digits } from "./data.js";
-import { choose, element } from "./dom.js";
+import { choose, element, within } from "./dom.js";
 import { PlanMap } from "./map.js";
 import { placeOf, ScaleBar } from "./scalebar.js";
 import { colourAt, placeOn } from "./theme.js";
@@ -12,6 +12,9 @@ const SHADES = 96; // of a scale
 const DRY = 0.02; // of the nominal width; a narrower bead is none
 
 export class BeadMap {
+  /** @type {number} largest width [mm] */ widest;
+  /** @type {ScaleBar} */ scale;
+
   /** @param {RunData} data @param {Cursor} cursor @param {Region} region */
   constructor(data, cursor, region) {
     this.data = data;
@@ -48,7 +51,7 @@ export class BeadMap {
 
   /** Show other data of the run. */
   update() {
-    this.element.firstChild.replaceWith(this._caption());
+    within(this.element, "figcaption").replaceWith(this._caption());
     this.map.redraw();
   }
 
@@ -76,7 +79,7 @@ export class BeadMap {
   _bead(context, map, colours) {
     const { data, widest } = this;
     const { x, y, width } = data.column;
-    const nominal = data.width;
+    const nominal = data.width ?? NaN;
     context.beginPath();
     let pen = false;
     data.requested.x.forEach((px, k) => {
@@ -88,6 +91,7 @@ export class BeadMap {
     Object.assign(context, { strokeStyle: colours.line, lineWidth: nominal * map.scale });
     context.stroke();
     // strokes of one width and one colour each, by both
+    /** @type {Map<number, { path: Path2D, wide: number, shade: number }>} */
     const pieces = new Map();
     const place = placeOf(data, !this.byError);
     let before = -1; // no piece
@@ -101,8 +105,9 @@ export class BeadMap {
       const share = place(row);
       const shade = share === share ? Math.round(SHADES * share) : -1;
       const key = level * 1000 + shade; // level is 1 at least
-      if (!pieces.has(key)) pieces.set(key, { path: new Path2D(), wide: (widest * level) / LEVELS, shade });
-      const { path } = pieces.get(key);
+      const piece = pieces.get(key) ?? { path: new Path2D(), wide: (widest * level) / LEVELS, shade };
+      pieces.set(key, piece);
+      const { path } = piece;
       if (before !== key) {
         const start = before < 0 ? row : row - 1; // pieces of different width touch
         path.moveTo(map.px(x[start]), map.py(y[start]));

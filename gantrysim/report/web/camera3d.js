@@ -13,6 +13,10 @@ const RADIANS = Math.PI / 180;
 const HALF = Math.tan((FIELD_OF_VIEW / 2) * RADIANS);
 
 export class Camera {
+  /** @type {number} */ azimuth;
+  /** @type {number} */ elevation;
+  /** @type {number[]} */ _middle;
+
   /** @param {{azimuth: number, elevation: number}} home direction in which the camera looks at first [deg] */
   constructor(home) {
     this.home = home;

@@ -1,6 +1,6 @@
 // The data of several runs, at places that they have in common, see gantrysim/compare/runs/overlay_data.py.
 
-import { decode, number } from "./data.js";
+import { decode, named, number } from "./data.js";
 
 export class ComparedData {
   /** @type {number} */ rows;
@@ -11,6 +11,14 @@ export class ComparedData {
   /** @type {number | null} */ path_tolerance;
   /** @type {number | null} */ width;
   /** @type {number | null} */ width_tolerance;
+  /** @type {Columns} */ column;
+  /** @type {(SeriesContent & { quantity: string, run: number })[]} */ series;
+  /** @type {Values} */ along;
+  /** @type {Stretch[]} */ off;
+  /** @type {number} */ worst;
+  /** @type {Line[]} */ requested;
+  /** @type {number[] | null} */ gaps;
+  /** Numbers of the runs that are not drawn. @type {Set<number>} */ hidden = new Set();
 
   /** @param {ComparedContent} content */
   constructor(content) {
@@ -24,7 +32,6 @@ export class ComparedData {
    */
   load(content) {
     Object.assign(this, content);
-    /** @type {Columns} */
     this.column = {};
     for (const name of Object.keys(content.columns)) this.column[name] = decode(content.columns[name], content.rows);
     const nothing = new Float64Array(content.rows).fill(NaN);
@@ -36,13 +43,29 @@ export class ComparedData {
       }),
     );
     this.along = this.column.place;
-    /** @type {Stretch[]} */
     this.off = [];
     this.worst = content.worst ?? this._worst(); // of the first run, by its verdict
     this.requested = content.runs.map((run, k) => {
       const [x, y, dx, dy] = ["x", "y", "dx", "dy"].map((name) => this.column[`${name}.${k}`]);
       return { x: x.map((value, row) => value - dx[row]), y: y.map((value, row) => value - dy[row]) };
     });
+  }
+
+  /** Numbers of the runs that are drawn. */
+  get drawn() {
+    return this.runs.map((run, k) => k).filter((k) => !this.hidden.has(k));
+  }
+
+  /** The bead of a run, NaN where it has none. @param {number} run @returns {BeadInSpace} */
+  beadOf(run) {
+    const { rows, column } = this;
+    /** @param {string} name */
+    const values = (name) => column[`${name}.${run}`];
+    const { width } = this;
+    const dispense = values("x").map((x) => (isNaN(x) ? 0 : 1));
+    const z = values("z") ?? new Float64Array(rows); // of a flat run
+    const columns = { x: values("x"), y: values("y"), z, dispense, width: values("width"), height: values("height") };
+    return { rows, column: columns, width, space: { gap: this.gaps?.[run] ?? 0 } };
   }
 
   /** The row of the largest contour error of any run, among those where all have one if there are any. */
@@ -59,7 +82,7 @@ export class ComparedData {
 
   /** @param {string} name */
   seriesOf(name) {
-    return this.series.find((series) => series.name === name);
+    return named(this.series, name);
   }
 
   links() {

@@ -3,7 +3,7 @@
 import { ComparedData } from "./compared.js";
 import { ComparedReadout } from "./comparedreadout.js";
 import { Cursor } from "./cursor.js";
-import { element } from "./dom.js";
+import { element, within } from "./dom.js";
 import { regionOf } from "./map.js";
 import { Overlay } from "./overlay.js";
 import { Strips } from "./strips.js";
@@ -18,7 +18,7 @@ export class ComparedStrips extends Strips {
     const scale = super._caption();
     // the abscissa is what the runs have in common
     scale.querySelectorAll("button")[1].remove();
-    scale.querySelector("b").textContent = this.data.by_path ? "Along the path" : "Over time";
+    within(scale, "b").textContent = this.data.by_path ? "Along the path" : "Over time";
     return scale;
   }
 

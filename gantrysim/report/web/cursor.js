@@ -19,12 +19,15 @@ export class Cursor {
   }
 
   /**
-   * Call a function after a move, once a picture at most; source is what moved it.
+   * Call a function after a move, once a picture at most; source is what moved it. Returns a function that ends this.
    *
    * @param {(row: number, source: unknown) => void} listener
    */
   onMove(listener) {
     this._moved.push(listener);
+    return () => {
+      this._moved = this._moved.filter((other) => other !== listener);
+    };
   }
 
   /**

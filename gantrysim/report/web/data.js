@@ -27,7 +27,7 @@ function wordsOf(text) {
 }
 
 /**
- * @param {ColumnContent} column
+ * @param {CodedColumn} column
  * @param {number} rows
  */
 function codesOf(column, rows) {
@@ -35,7 +35,7 @@ function codesOf(column, rows) {
   const codes = new Uint16Array(rows);
   const bytes = bytesOf(column.data);
   const differences = new Int8Array(bytes.buffer, bytes.byteOffset, bytes.length);
-  const jumps = wordsOf(column.jumps);
+  const jumps = wordsOf(column.jumps ?? "");
   let code = 0;
   let jump = 0;
   for (let k = 0; k < rows; k++) {
@@ -140,6 +140,15 @@ export class RunData {
   /** @type {number} */ width_tolerance;
   /** @type {SpaceContent | null} */ space;
   /** @type {Solid[][] | null} */ solids;
+  /** @type {DotContent[]} */ dots;
+  /** @type {Columns} */ column;
+  /** @type {Values} */ time;
+  /** @type {number} */ end;
+  /** @type {Values} the error's size */ size;
+  /** @type {Values} */ along;
+  /** @type {{ x: number[], y: number[] }} */ requested;
+  /** @type {number} */ worst;
+  /** @type {Stretch[]} where the dispenser is off */ off;
 
   /** @param {RunContent} content */
   constructor(content) {
@@ -154,7 +163,6 @@ export class RunData {
   load(content) {
     Object.assign(this, content);
     this.dots = content.dots || [];
-    /** @type {Columns} */
     this.column = {};
     for (const name of Object.keys(content.columns)) this.column[name] = decode(content.columns[name], content.rows);
     this.column.z ??= new Float64Array(content.rows); // of a flat run
@@ -197,8 +205,13 @@ export class RunData {
   }
 
   /** @param {string} name */
+  has(name) {
+    return this.series.some((series) => series.name === name);
+  }
+
+  /** @param {string} name */
   seriesOf(name) {
-    return this.series.find((series) => series.name === name);
+    return named(this.series, name);
   }
 
   links() {
@@ -216,6 +229,19 @@ export class RunData {
     const value = this.column[name][row];
     return isNaN(value) ? "–" : `${number(value, decimals)} ${unit}`;
   }
+}
+
+/**
+ * The series of a name that is there for certain.
+ *
+ * @template {{ name: string }} Series
+ * @param {Series[]} series
+ * @param {string} name
+ */
+export function named(series, name) {
+  const found = series.find((one) => one.name === name);
+  if (!found) throw new Error(`no series ${name}`);
+  return found;
 }
 
 /** A number as text, with a minus sign and no minus before a zero. @param {number} value @param {number} decimals */

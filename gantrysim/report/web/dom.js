@@ -1,5 +1,7 @@
 // Elements of the page in a line each.
 
+const SVG = "http://www.w3.org/2000/svg";
+
 /**
  * Return a new element with attributes, and children that are elements or text.
  *
@@ -14,6 +16,26 @@ export function element(tag, attributes = {}, ...children) {
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, String(value));
   made.append(...children);
   return made;
+}
+
+/**
+ * The element of a selector that the page has for certain.
+ *
+ * @param {ParentNode} place
+ * @param {string} selector
+ * @returns {HTMLElement}
+ */
+export function within(place, selector) {
+  const found = place.querySelector(selector);
+  if (!(found instanceof HTMLElement)) throw new Error(`the page has no ${selector}`);
+  return found;
+}
+
+/** The context of a canvas on which lines and texts are drawn. @param {HTMLCanvasElement} canvas */
+export function contextOf(canvas) {
+  const context = canvas.getContext("2d");
+  if (!context) throw new Error("this browser draws on no canvas");
+  return context;
 }
 
 /**
@@ -38,13 +60,16 @@ export function toggle(label, pressed, changed, attributes = {}) {
  * A piece of a line as in the strips, for a legend.
  *
  * @param {string} colour
- * @param {number[]} dash
+ * @param {number[]} [dash]
  */
-export function sample(colour, dash) {
-  const template = document.createElement("template");
-  const stroke = `stroke="${colour}" stroke-width="3" stroke-dasharray="${dash.join(" ")}"`;
-  template.innerHTML = `<svg class="sample" viewBox="0 0 30 8" aria-hidden="true"><line x2="30" y1="4" y2="4" ${stroke}/></svg>`;
-  return template.content.firstChild;
+export function sample(colour, dash = []) {
+  const svg = document.createElementNS(SVG, "svg");
+  const line = document.createElementNS(SVG, "line");
+  for (const [name, value] of Object.entries({ class: "sample", viewBox: "0 0 30 8", "aria-hidden": "true" })) svg.setAttribute(name, value);
+  const looks = { x2: "30", y1: "4", y2: "4", stroke: colour, "stroke-width": "3", "stroke-dasharray": dash.join(" ") };
+  for (const [name, value] of Object.entries(looks)) line.setAttribute(name, value);
+  svg.append(line);
+  return svg;
 }
 
 /**

@@ -6,19 +6,25 @@ const CLOSE = 0.5 * FRAME;
 const CARD = 1; // how long the end card is shown [s] of the film
 
 export class FilmLink {
+  /** Time of the film to which the cursor has sent it. @type {number | undefined} */ sent;
+
   /** @param {RunData} data @param {Cursor} cursor @param {HTMLVideoElement} video */
   constructor(video, data, cursor) {
     this.video = video;
     this.data = data;
     this.cursor = cursor;
+    /** @type {number | null} */
     this.wanted = null;
     this.resting = true;
     const rest = () => {
       if (this.resting && video.duration) this._seek(this.end - 0.5 * FRAME);
     };
-    video.addEventListener("loadedmetadata", rest);
+    this.ending = new AbortController();
+    /** @param {string} name @param {() => void} listener */
+    const listen = (name, listener) => video.addEventListener(name, listener, { signal: this.ending.signal });
+    listen("loadedmetadata", rest);
     rest();
-    video.addEventListener("play", () => {
+    listen("play", () => {
       if (this.resting) video.currentTime = 0;
       this.resting = false;
       cursor.pinned = false;
@@ -26,24 +32,31 @@ export class FilmLink {
       this._follow();
     });
     for (const name of ["pause", "ended"]) {
-      video.addEventListener(name, () => {
+      listen(name, () => {
         cursor.held = false;
       });
     }
-    video.addEventListener("seeked", () => {
+    listen("seeked", () => {
       if (this.wanted !== null) this._seek(this.wanted);
       else if (this._external()) {
         this.resting = false;
         this.cursor.set(this._row(), this);
       }
     });
-    cursor.onMove((row, source) => {
+    this.leave = cursor.onMove((row, source) => {
       if (source === this || source === "start") return;
       this.resting = false;
       if (!video.duration) return;
       if (!video.paused) video.pause(); // a click or a key took the cursor
       this._seek(this._time(row));
     });
+  }
+
+  /** Let film and cursor go their own ways. */
+  remove() {
+    this.ending.abort();
+    this.leave();
+    this.cursor.held = false;
   }
 
   /** Time of the film at which its end card begins. */
@@ -87,7 +100,7 @@ export class FilmLink {
 
   /** Move the cursor with the film while it plays. */
   _follow() {
-    if (this.video.paused) return;
+    if (this.video.paused || this.ending.signal.aborted) return;
     this.sent = undefined;
     this.cursor.set(this._row(), this);
     requestAnimationFrame(() => this._follow());

@@ -9,7 +9,7 @@ const HEIGHTS = 4; // labels of the scale of heights, about
 /** A round step, 1, 2 or 5 times a power of ten, not below a size. @param {number} size */
 export function roundStep(size) {
   const decade = 10 ** Math.floor(Math.log10(size));
-  return [1, 2, 5, 10].map((digit) => digit * decade).find((step) => step >= size * 0.999);
+  return [1, 2, 5].map((digit) => digit * decade).find((step) => step >= size * 0.999) ?? 10 * decade;
 }
 
 /** @param {number} low @param {number} high @param {number} step */

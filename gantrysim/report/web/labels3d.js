@@ -15,7 +15,11 @@ const CLEAR = 0.4; // of the step of the heights, from the ground to their first
 const decimalsOf = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
 
 export class Labels {
-  /** @param {View} view */
+  /** @type {Context} */ context;
+  /** @type {Theme} */ colours;
+  /** @type {Texts} */ texts;
+
+  /** @param {Scene3d<RunData> | Scene3d<ComparedData>} view */
   constructor(view) {
     this.view = view;
     this.place = [0, 0, 0];
@@ -29,8 +33,7 @@ export class Labels {
     this.context = context;
     this.colours = colours;
     this.texts = new Texts(context, width, height);
-    this._chosen();
-    this._ends();
+    this._marks();
     this._triad();
     this._heights();
     this._ground();
@@ -138,10 +141,78 @@ export class Labels {
     this._text("grid in mm", [[8, height - 10, "left"]]);
   }
 
+  /** What is marked along the beads. */
+  _marks() {}
+
+  /** Mark a row as the worst place. @param {number} row @param {string} ink */
+  _worst(row, ink) {
+    const { context } = this;
+    const [px, py] = this.view.projectRow(row, this.place);
+    context.beginPath();
+    context.moveTo(px, py - 5);
+    context.lineTo(px - 5, py - 14);
+    context.lineTo(px + 5, py - 14);
+    context.closePath();
+    Object.assign(context, { strokeStyle: ink, lineWidth: 2 });
+    context.stroke();
+    /** @type {TextPlace[]} */
+    const places = [[px + 9, py - 11, "left"], [px - 9, py - 11, "right"], [px, py - 24, "center"]];
+    this._text("worst", places, { fillStyle: ink, always: true });
+    // of the mark, and of the cursor that begins there
+    this.texts.keep([px - 8, py - 14, px + 8, py + 8]);
+  }
+
+  /** Rings around the cursor's places, and plumb lines to the ground. */
+  _cursor() {
+    const { context, colours } = this;
+    const { cursor, ground } = this.view;
+    for (const { x, y, z, colour } of this.view.marksAt(cursor.row)) {
+      const [px, py, depth] = this.at(x, y, z);
+      if (!(depth > 0)) continue;
+      const foot = this.at(x, y, ground.z);
+      context.beginPath();
+      context.moveTo(px, py);
+      context.lineTo(foot[0], foot[1]);
+      Object.assign(context, { strokeStyle: colours.soft, lineWidth: 1 });
+      context.setLineDash([4, 3]);
+      context.stroke();
+      context.setLineDash([]);
+      const ink = colour ?? colours.ink;
+      /** @type {[number, string][]} */
+      const rings = [[5, colours.paper], [2.5, ink]];
+      for (const [size, shade] of rings) {
+        context.beginPath();
+        context.arc(px, py, 7, 0, 2 * Math.PI);
+        Object.assign(context, { strokeStyle: shade, lineWidth: size });
+        context.stroke();
+      }
+      if (!cursor.pinned) continue;
+      context.beginPath();
+      context.arc(px, py, 2.5, 0, 2 * Math.PI);
+      context.fillStyle = ink;
+      context.fill();
+    }
+  }
+}
+
+/** Over the picture of a run: the chosen line of the program, where glue begins and ends, and the worst place. */
+export class RunLabels extends Labels {
+  /** @param {Scene3d<RunData>} view */
+  constructor(view) {
+    super(view);
+    this.data = view.data;
+  }
+
+  _marks() {
+    this._chosen();
+    this._ends();
+  }
+
   /** The stretches of the chosen program line. */
   _chosen() {
     const { context, colours } = this;
-    const { data, cursor } = this.view;
+    const { data } = this;
+    const { cursor } = this.view;
     if (!cursor.line) return;
     context.beginPath();
     for (const [first, last] of stretches(data.rows, (row) => data.column.line[row] === cursor.line)) {
@@ -160,7 +231,7 @@ export class Labels {
   /** Mark where the dispenser first opens and last closes, and the worst place. */
   _ends() {
     const { context, colours } = this;
-    const { data } = this.view;
+    const { data } = this;
     const glue = stretches(data.rows, (row) => data.column.dispense[row]);
     if (!glue.length) return;
     /** @type {[string, TextPlace[], TextLooks][]} */
@@ -175,51 +246,7 @@ export class Labels {
       context.fill();
       marks.push([name, around(px, py, 9), { fillStyle: colours.ink }]);
     }
-    const [px, py] = this.view.projectRow(data.worst, this.place);
-    context.beginPath();
-    context.moveTo(px, py - 5);
-    context.lineTo(px - 5, py - 14);
-    context.lineTo(px + 5, py - 14);
-    context.closePath();
-    const ink = data.passes ? colours.ink : colours.alarm;
-    Object.assign(context, { strokeStyle: ink, lineWidth: 2 });
-    context.stroke();
-    /** @type {TextPlace[]} */
-    const places = [[px + 9, py - 11, "left"], [px - 9, py - 11, "right"], [px, py - 24, "center"]];
-    this._text("worst", places, { fillStyle: ink, always: true });
-    // of the mark, and of the cursor that begins there
-    this.texts.keep([px - 8, py - 14, px + 8, py + 8]);
+    this._worst(data.worst, data.passes ? colours.ink : colours.alarm);
     for (const mark of marks) this._text(...mark);
-  }
-
-  /** A ring around the cursor's place, and a plumb line to the ground. */
-  _cursor() {
-    const { context, colours } = this;
-    const { cursor, ground, data } = this.view;
-    const { x, y } = data.column;
-    const row = cursor.row;
-    const [px, py, depth] = this.view.projectRow(row, this.place);
-    if (depth <= 0) return;
-    const foot = this.at(x[row], y[row], ground.z);
-    context.beginPath();
-    context.moveTo(px, py);
-    context.lineTo(foot[0], foot[1]);
-    Object.assign(context, { strokeStyle: colours.soft, lineWidth: 1 });
-    context.setLineDash([4, 3]);
-    context.stroke();
-    context.setLineDash([]);
-    /** @type {[number, string][]} */
-    const rings = [[5, colours.paper], [2.5, colours.ink]];
-    for (const [size, colour] of rings) {
-      context.beginPath();
-      context.arc(px, py, 7, 0, 2 * Math.PI);
-      Object.assign(context, { strokeStyle: colour, lineWidth: size });
-      context.stroke();
-    }
-    if (!cursor.pinned) return;
-    context.beginPath();
-    context.arc(px, py, 2.5, 0, 2 * Math.PI);
-    context.fillStyle = colours.ink;
-    context.fill();
   }
 }

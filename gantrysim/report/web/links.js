@@ -1,6 +1,6 @@
 // Times, places and program lines in the page's text as links that move the cursor.
 
-import { element } from "./dom.js";
+import { element, within } from "./dom.js";
 import { number } from "./data.js";
 
 const NUMBER = "[−-]?[\\d,]*\\.?\\d+";
@@ -24,11 +24,11 @@ export class Links {
     this.data = data;
     this.cursor = cursor;
     this.show = show;
-    const main = document.querySelector("main");
+    const main = within(document, "main");
     const walker = document.createTreeWalker(main, NodeFilter.SHOW_TEXT);
     const texts = [];
     for (let node = walker.nextNode(); node; node = walker.nextNode()) {
-      if (!node.parentElement.closest(SKIPPED)) texts.push(node);
+      if (!node.parentElement?.closest(SKIPPED)) texts.push(node);
     }
     for (const node of texts) this._linked(/** @type {Text} */ (node));
     for (const table of main.querySelectorAll("table")) this._times(table);

@@ -13,7 +13,7 @@ export class Listing {
     });
     this.buttons = new Map();
     const list = element("ol", { class: "lines" });
-    for (const [number, text] of Object.entries(data.program)) list.append(this._line(Number(number), text));
+    for (const [number, text] of Object.entries(data.program ?? {})) list.append(this._line(Number(number), text));
     list.addEventListener("keydown", (event) => this._key(event));
     this.list = list;
     const caption = element("figcaption", {}, element("b", {}, "Program"), " click a line to see its path");
@@ -72,7 +72,7 @@ export class Listing {
     this.current = button;
     if (!button) return;
     button.setAttribute("aria-current", "true");
-    const { offsetTop, offsetHeight } = button.parentElement;
+    const { offsetTop, offsetHeight } = button.closest("li");
     const { scrollTop, clientHeight } = this.list;
     const inside = offsetTop >= scrollTop && offsetTop + offsetHeight <= scrollTop + clientHeight;
     if (!inside) this.list.scrollTop = offsetTop - clientHeight / 2; // the list alone, never the page

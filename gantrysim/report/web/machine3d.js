@@ -26,6 +26,9 @@ const EDGE = 0.17;
 const WIDE = 700; // picture from which on edges have this opacity [pixels]
 const NEEDLE = 0.75; // opacity of the needle, which is small
 
+/** @type {SpaceContent} */
+const NO_MACHINE = { gap: 0, poses: 0, parts: [] };
+
 /** A solid's geometry: kind, three sizes, position, quaternion w, x, y, z and whether it is the needle, see gantrysim/report/space_data.py. @param {Solid} solid */
 function shapeOf([kind, a, b, c]) {
   if (kind === "box") return new BoxGeometry(2 * a, 2 * b, 2 * c);
@@ -72,7 +75,8 @@ function cubic(ticks, values, k, tick) {
 export class MachineOutline {
   /** @param {RunData} data @param {Frame} frame */
   constructor(data, frame) {
-    const { parts, poses } = data.space;
+    const { parts, poses } = data.space ?? NO_MACHINE;
+    const solids = data.solids ?? [];
     const last = data.ticks - 1;
     this.frame = frame;
     this.ticks = Float64Array.from({ length: poses }, (_, k) => Math.round((k * last) / Math.max(poses - 1, 1)));
@@ -80,7 +84,7 @@ export class MachineOutline {
     this.faces = new MeshBasicMaterial({ transparent: true, opacity: FACE, depthWrite: false });
     this.edges = new LineBasicMaterial({ transparent: true, opacity: EDGE, depthWrite: false });
     this.needle = new MeshBasicMaterial({ transparent: true, opacity: NEEDLE });
-    this.parts = parts.map((part, k) => this._part(part, data.solids[k], poses));
+    this.parts = parts.map((part, k) => this._part(part, solids[k], poses));
   }
 
   /** @param {PartContent} part @param {Solid[]} solids @param {number} poses */

@@ -4,7 +4,7 @@ import { BeadMap } from "./beadmap.js";
 import { showComparison } from "./comparison.js";
 import { Cursor } from "./cursor.js";
 import { RunData, expanded } from "./data.js";
-import { element } from "./dom.js";
+import { element, within } from "./dom.js";
 import { FilmLink } from "./film.js";
 import { fold, markScrolling } from "./folds.js";
 import { Links } from "./links.js";
@@ -14,7 +14,7 @@ import { Moment } from "./moment.js";
 import { copyButtons } from "./paste.js";
 import { Plan } from "./plan.js";
 import { Readout } from "./readout.js";
-import { Space } from "./space.js";
+import { Space, viewOfPage } from "./space.js";
 import { Strips } from "./strips.js";
 
 const HINT =
@@ -30,7 +30,7 @@ function showRun(place, content) {
   const strips = new Strips(data, cursor);
   const readout = new Readout(data, cursor, (name, shown) => strips.setShown(name, shown));
   const views = element("div", { class: "views" });
-  const video = place.parentElement.querySelector("video");
+  const video = place.parentElement?.querySelector("video");
   if (video) {
     const caption = element("figcaption", {}, element("b", {}, "Film"));
     views.append(element("figure", { class: "view film" }, caption, video));
@@ -38,12 +38,13 @@ function showRun(place, content) {
   }
   // the first of these is on the page's first screen
   const pictures = [];
-  if (data.space) pictures.push(new Space(data, cursor).element);
+  if (data.space) pictures.push(new Space(() => viewOfPage(data, cursor)).element);
   if (data.width || data.dots.length) pictures.push(new BeadMap(data, cursor, region).element);
   pictures.push(new Plan(data, cursor, region).element);
   const stage = document.querySelector(".stage");
-  if (stage) stage.append(pictures.shift(), new Moment(data, cursor).element);
-  views.append(...pictures);
+  const [first, ...others] = pictures;
+  if (stage) stage.append(first, new Moment(data, cursor).element);
+  views.append(...(stage ? others : pictures));
   if (data.program) views.append(new Listing(data, cursor).element);
   place.append(readout.element, views, strips.element);
   const shown = stage || place;
@@ -53,8 +54,8 @@ function showRun(place, content) {
 
 /** Where a browser is too old to expand its data, the page stays as it is without scripts. */
 async function start() {
-  const place = /** @type {HTMLElement} */ (document.querySelector(".viewer"));
-  const content = JSON.parse(await expanded(document.getElementById("viewer-data").textContent));
+  const place = within(document, ".viewer");
+  const content = JSON.parse(await expanded(within(document, "#viewer-data").textContent ?? ""));
   document.documentElement.classList.add("live");
   const cursor = content.runs ? showComparison(place, content) : showRun(place, content);
   place.append(element("p", { class: "hint" }, HINT));

@@ -2,7 +2,7 @@
 
 import { asSlider } from "./cursor.js";
 import { extent, number, stretches } from "./data.js";
-import { element } from "./dom.js";
+import { contextOf, element } from "./dom.js";
 import { gestures } from "./gestures.js";
 import { around, Texts } from "./texts.js";
 import { onTheme, theme } from "./theme.js";
@@ -80,6 +80,10 @@ export class PlanMap {
   /** @type {number} */ scale;
   /** @type {number} */ x;
   /** @type {number} */ y;
+  /** @type {number} size of the map [pixels] */ width;
+  /** @type {number} */ height;
+  /** @type {Texts} */ texts;
+  /** Numbers of the grid, and where they stand [pixels]. @type {[string, number, number][]} */ ticks;
 
   /** @param {MapOptions} options */
   constructor(options) {
@@ -148,7 +152,7 @@ export class PlanMap {
     const width = Math.round(this.width * ratio);
     const height = Math.round(this.height * ratio);
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    const context = canvas.getContext("2d");
+    const context = contextOf(canvas);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
     return context;
@@ -158,12 +162,11 @@ export class PlanMap {
   _grid(context, colours) {
     const least = GRID / this.scale;
     const decade = 10 ** Math.floor(Math.log10(least));
-    const step = [1, 2, 5, 10].map((digit) => digit * decade).find((size) => size >= least);
+    const step = [1, 2, 5].map((digit) => digit * decade).find((size) => size >= least) ?? 10 * decade;
     const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
     Object.assign(context, { strokeStyle: colours.line, lineWidth: 1 });
     context.font = `11px ${getComputedStyle(document.body).fontFamily}`;
     context.beginPath();
-    /** @type {[string, number, number][]} */
     this.ticks = [];
     /** @param {number} middle @param {number} half */
     const lines = (middle, half) => {

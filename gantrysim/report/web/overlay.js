@@ -11,7 +11,6 @@ export class Overlay {
   /** @param {ComparedData} data @param {Cursor} cursor @param {Region} region */
   constructor(data, cursor, region) {
     this.data = data;
-    this.hidden = new Set();
     this.factor = data.magnification;
     this.beads = false;
     this.map = new PlanMap({
@@ -56,13 +55,9 @@ export class Overlay {
 
   /** @param {number} number @param {boolean} shown */
   setRun(number, shown) {
-    if (shown) this.hidden.delete(number);
-    else this.hidden.add(number);
+    if (shown) this.data.hidden.delete(number);
+    else this.data.hidden.add(number);
     this.map.redraw();
-  }
-
-  get _shown() {
-    return this.data.runs.map((run, k) => k).filter((k) => !this.hidden.has(k));
   }
 
   /** Position drawn of a run's nozzle at a row: its error magnified. @param {number} run @param {number} row */
@@ -74,7 +69,7 @@ export class Overlay {
 
   /** Where the cursor stands: on the first of the runs shown that has a value there. @param {number} row */
   _first(row) {
-    for (const run of this._shown) {
+    for (const run of this.data.drawn) {
       const point = this._point(run, row);
       if (point.x === point.x) return point;
     }
@@ -83,7 +78,7 @@ export class Overlay {
 
   /** @param {number} row */
   _marks(row) {
-    return this._shown
+    return this.data.drawn
       .map((run) => ({ ...this._point(run, row), colour: this.data.runs[run].colour }))
       .filter(({ x }) => x === x);
   }
@@ -91,14 +86,14 @@ export class Overlay {
   /** @param {Context} context @param {PlanMap} map @param {Theme} colours */
   _draw(context, map, colours) {
     const { data } = this;
-    for (const run of this._shown) {
+    for (const run of this.data.drawn) {
       const { x, y } = data.requested[run];
       this._line(context, map, (row) => ({ x: x[row], y: y[row] }));
       Object.assign(context, { strokeStyle: colours.soft, lineWidth: 1 });
       context.setLineDash([]);
       context.stroke();
     }
-    for (const run of this._shown) {
+    for (const run of this.data.drawn) {
       const { colour, dash } = data.runs[run];
       const ink = colourOf({ colour }, colours);
       if (this.beads) this._bead(context, map, run, ink);

@@ -1,10 +1,13 @@
 // The button that copies the lines to paste.
 
+import { within } from "./dom.js";
+
 const SHOWN = 1500; // for which it says that it has copied [ms]
 
 export function copyButtons() {
   for (const button of document.querySelectorAll("button.copy")) {
-    const code = button.parentElement.querySelector("code");
+    const code = button.parentElement && within(button.parentElement, "code");
+    if (!code) continue;
     button.addEventListener("click", async () => {
       const done = await copied(code);
       button.textContent = done ? "copied" : "selected: Ctrl+C copies";
@@ -18,14 +21,14 @@ export function copyButtons() {
 /** Copy an element's text, and leave it selected where the browser does not allow that. @param {HTMLElement} code */
 async function copied(code) {
   try {
-    await navigator.clipboard.writeText(code.textContent);
+    await navigator.clipboard.writeText(code.textContent ?? "");
     return true;
   } catch {
     const range = document.createRange();
     range.selectNodeContents(code);
     const selection = window.getSelection();
-    selection.removeAllRanges();
-    selection.addRange(range);
+    selection?.removeAllRanges();
+    selection?.addRange(range);
     return document.execCommand("copy"); // pages without a secure origin have nothing else
   }
 }

@@ -1,7 +1,7 @@
 // The plan view: the nozzle's path coloured by the size of its error.
 
 import { stretches } from "./data.js";
-import { element, toggle } from "./dom.js";
+import { element, toggle, within } from "./dom.js";
 import { PlanMap } from "./map.js";
 import { placeOf, ScaleBar } from "./scalebar.js";
 import { colourAt } from "./theme.js";
@@ -30,7 +30,7 @@ export class Plan {
   /** Show other data of the run, with errors magnified as they are now. */
   update() {
     if (this.factor > 1) this.factor = this.data.magnification;
-    this.element.firstChild.replaceWith(this._caption());
+    within(this.element, "figcaption").replaceWith(this._caption());
     this.map.redraw();
   }
 

@@ -16,7 +16,7 @@ export class Readout {
     /** @type {Record<string, HTMLElement>} */
     this.cells = {};
     this.element = element("div", { class: "readout", role: "group", "aria-label": "Values at the cursor" });
-    this._add("time", "t", "");
+    this._add("time", "t");
     for (const series of data.series) if (!HIDDEN.has(series.name)) this._add(series.name, series.label, series.meaning, series);
     this._add("dispense", "dispenser", "");
     if (data.program) this._add("line", "line", "of the program");
@@ -27,7 +27,7 @@ export class Readout {
     this._show(cursor.row);
   }
 
-  /** @param {string} name @param {string} label @param {string} meaning @param {SeriesContent} [series] */
+  /** @param {string} name @param {string} label @param {string} [meaning] @param {SeriesContent} [series] */
   _add(name, label, meaning, series) {
     const value = element("output", { "data-name": name, "aria-live": "off" });
     const link = series && series.group === "error";

@@ -14,7 +14,7 @@ const SHADES = ANGLES.map((angle) => EDGE + (1 - EDGE) * Math.sin(angle));
 /**
  * Rows at which the bead has a ring, and whether a ring is joined to the one before.
  *
- * @param {RunData} data @param {number} extent
+ * @param {BeadInSpace} data @param {number} extent
  */
 function ringsOf(data, extent) {
   const { x, y, width, dispense } = data.column;
@@ -41,7 +41,7 @@ function ringsOf(data, extent) {
 /**
  * Level unit vectors across the path at the rings, [x, y, x, ...]; a vertical stretch keeps the one before.
  *
- * @param {RunData} data @param {number[]} rows @param {boolean[]} joined
+ * @param {BeadInSpace} data @param {number[]} rows @param {boolean[]} joined
  */
 function acrossOf(data, rows, joined) {
   const { x, y } = data.column;
@@ -62,7 +62,7 @@ function acrossOf(data, rows, joined) {
 }
 
 export class Ribbon {
-  /** @param {RunData} data @param {Frame} frame the middle @param {number} extent of the bead [mm] */
+  /** @param {BeadInSpace} data @param {Frame} frame the middle @param {number} extent of the bead [mm] */
   constructor(data, frame, extent) {
     const { rows, joined } = ringsOf(data, extent);
     this.rows = rows;
@@ -74,16 +74,17 @@ export class Ribbon {
     this.object = new Mesh(this.geometry, new MeshBasicMaterial({ vertexColors: true, side: DoubleSide }));
   }
 
-  /** @param {RunData} data @param {Frame} frame @param {number} extent @param {boolean[]} joined */
+  /** @param {BeadInSpace} data @param {Frame} frame @param {number} extent @param {boolean[]} joined */
   _corners(data, joined, frame, extent) {
     const { x, y, z, width, height } = data.column;
     const across = acrossOf(data, this.rows, joined);
     const corners = new Float32Array(3 * CORNERS * this.rows.length);
+    const gap = data.space?.gap ?? 0;
     let place = 0;
     this.rows.forEach((row, k) => {
       const half = (width ? width[row] : NARROW * extent) / 2;
       const high = height ? height[row] : 2 * FLAT * half;
-      const foot = z[row] - data.space.gap - frame.z;
+      const foot = z[row] - gap - frame.z;
       for (const angle of ANGLES) {
         const aside = half * Math.cos(angle);
         corners[place++] = x[row] - frame.x + aside * across[2 * k];

@@ -8,7 +8,7 @@ const LEVELS = 255;
 
 /** The colours of a scale from 0 to 1 as [red, green, blue]. @param {Stop[]} stops */
 function table(stops) {
-  return Array.from({ length: LEVELS + 1 }, (_, k) => colourAt(stops, k / LEVELS).match(/\d+/g).map(Number));
+  return Array.from({ length: LEVELS + 1 }, (_, k) => (colourAt(stops, k / LEVELS).match(/\d+/g) ?? []).map(Number));
 }
 
 export class Scale3d {
@@ -53,7 +53,7 @@ export class Scale3d {
   painter() {
     const { shares, widths, soft } = theme();
     const colours = table(this.byWidth ? widths : shares);
-    const unknown = soft.match(/[0-9a-f]{2}/gi).map((part) => parseInt(part, 16));
+    const unknown = [1, 3, 5].map((k) => parseInt(soft.slice(k, k + 2), 16));
     const place = placeOf(this.data, this.byWidth);
     return (row) => colours[Math.round(LEVELS * place(row))] || unknown;
   }

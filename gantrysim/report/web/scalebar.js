@@ -44,5 +44,6 @@ export function placeOf(data, byWidth) {
   /** @param {Stop[]} stops @param {number} value */
   const place = (stops, value) => (value === value ? placeOn(stops, value) : NaN);
   if (!byWidth) return (row) => place(shares, data.size[row] / data.path_tolerance);
-  return (row) => place(widths, (100 * (width[row] / data.width - 1)) / data.width_tolerance);
+  const nominal = data.width ?? NaN;
+  return (row) => place(widths, (100 * (width[row] / nominal - 1)) / data.width_tolerance);
 }

@@ -1,7 +1,7 @@
 // The place of the 3-D view of the bead: its script is expanded when the view comes into sight.
 
 import { expanded } from "./data.js";
-import { element } from "./dom.js";
+import { element, within } from "./dom.js";
 
 const AHEAD = "200px"; // of the window's edge, at which the script is expanded
 const NO_WEBGL = "No 3-D view: this browser draws no WebGL here. The plan shows the same bead from above.";
@@ -13,15 +13,16 @@ function hasWebgl() {
   return Boolean(context);
 }
 
-/** The class of the view, from the script that the page holds. */
-async function viewOfPage() {
-  const code = await expanded(document.getElementById("viewer-3d").textContent);
-  return new Function(`${code}; return gantrysimSpace;`)().View;
+/** A view, by the script that the page holds. @param {RunData} data @param {Cursor} cursor @returns {Promise<SpaceView>} */
+export async function viewOfPage(data, cursor) {
+  const code = await expanded(within(document, "#viewer-3d").textContent ?? "");
+  const { View } = new Function(`${code}; return gantrysimSpace;`)();
+  return new View(data, cursor);
 }
 
 export class Space {
-  /** @param load returns a promise of the class of the view @param {RunData} data @param {Cursor} cursor */
-  constructor(data, cursor, load = viewOfPage) {
+  /** @param {() => Promise<SpaceView>} load makes the view */
+  constructor(load) {
     this.element = element("figure", { class: "view space" }, element("figcaption", {}, element("b", {}, "Bead in 3-D")));
     const reason = !hasWebgl() ? NO_WEBGL : typeof DecompressionStream === "undefined" ? NO_EXPANSION : "";
     if (reason) {
@@ -29,15 +30,16 @@ export class Space {
       return;
     }
     this.element.append(element("div", { class: "surface", "aria-busy": "true" }));
-    this.observer = new IntersectionObserver(
+    const observer = new IntersectionObserver(
       (entries) => {
         if (!entries.some((entry) => entry.isIntersecting)) return;
-        this.observer.disconnect();
-        this._show(load, data, cursor);
+        observer.disconnect();
+        this._show(load);
       },
       { rootMargin: AHEAD },
     );
-    this.observer.observe(this.element);
+    observer.observe(this.element);
+    this.observer = observer;
   }
 
   /** Give up what the view holds of the browser. */
@@ -52,11 +54,12 @@ export class Space {
     this.view?.update();
   }
 
-  /** @param {RunData} data @param {Cursor} cursor @param {() => Promise<typeof import("./view3d.js").View>} load */
-  async _show(load, data, cursor) {
-    const View = await load();
+  /** @param {() => Promise<SpaceView>} load */
+  async _show(load) {
+    const view = await load();
+    if (this.removed) view.remove();
     if (this.removed) return;
-    this.view = new View(data, cursor);
+    this.view = view;
     this.element.replaceChildren(...this.view.children);
     performance.mark("viewer-3d-ready");
   }

@@ -10,6 +10,7 @@ import { colourOf, onTheme, theme } from "./theme.js";
 const TALL = 210; // of the strip of all errors [pixels]
 const LOW = 96; // of the others
 const HEADING = 20; // above a strip [pixels]
+const AHEAD = "100px"; // of the window's edge, at which a strip takes over new data
 const SPACE = 0.06; // above and below a line, of its range
 
 /**
@@ -32,6 +33,10 @@ export class Strips {
     this.list = element("div", { class: "strips" });
     this.element = element("div", { class: "view" }, this._caption(), this.list);
     asSlider(this.list, cursor, "Strips of errors, bead and motion", (row) => this._described(row));
+    /** The part of the abscissa that is shown, and whether that is the whole run. @type {[number, number]} */
+    this._part = [0, 0];
+    this._isWhole = true;
+    this._sight = new IntersectionObserver((entries) => this._seen(entries), { rootMargin: AHEAD });
     /** @type {Strip[]} */
     this._plots = [];
     /** @type {Record<string, (number | null)[] | Values>} */
@@ -107,30 +112,55 @@ export class Strips {
   }
 
   _build() {
-    for (const strip of this._plots) strip.plot.destroy();
+    this._clear();
     this.list.replaceChildren();
     const groups = this._groups();
     this._values = {};
     this._plots = groups.map((group, k) => this._strip(group, k === groups.length - 1));
+    for (const { box } of this._plots) this._sight.observe(box);
     for (const name of this.hidden) this.setShown(name, false);
-    this._markSoon();
+    this._show(null);
+  }
+
+  _clear() {
+    this._sight.disconnect();
+    for (const { plot } of this._plots) plot.destroy();
+    this._plots = [];
   }
 
   /** Show other data of the run in the same strips; the part that is shown stays, unless that was the whole run. */
   update() {
-    const { min, max } = this._plots[0].plot.scales.x;
-    const before = this._plots[0].plot.data[0];
-    const whole = min <= before[0] && max >= before[before.length - 1];
     this._values = {};
-    for (const { plot, names } of this._plots) plot.setData([this.x, ...names.map((name) => this._known(name))], false);
-    this._show(whole ? null : [min, max]);
-    this._redraw(true);
+    for (const strip of this._plots) strip.outdated = true;
+    this._show(this._isWhole ? null : this._part);
+    for (const strip of this._plots) if (strip.inSight) this._load(strip);
+  }
+
+  /** Show the present data in a strip that has those before. @param {Strip} strip */
+  _load(strip) {
+    const { plot, names } = strip;
+    strip.outdated = false;
+    plot.setData([this.x, ...names.map((name) => this._known(name))], false);
+    const [min, max] = this._part;
+    plot.setScale("x", { min, max });
+    plot.redraw(false, true);
+  }
+
+  /** Strips that come into sight take over what has changed meanwhile. @param {IntersectionObserverEntry[]} entries */
+  _seen(entries) {
+    for (const { target, isIntersecting } of entries) {
+      const strip = this._plots.find(({ box }) => box === target);
+      if (!strip) continue;
+      strip.inSight = isIntersecting;
+      if (!isIntersecting || !strip.outdated) continue;
+      this._load(strip);
+      this._markSoon();
+    }
   }
 
   /** Take the strips away, with what they listen to in the window. */
   remove() {
-    for (const { plot } of this._plots) plot.destroy();
-    this._plots = [];
+    this._clear();
   }
 
   /** @param {StripGroup} group @param {boolean} last */
@@ -146,21 +176,22 @@ export class Strips {
     const box = element("div", { class: "strip", "data-name": names[0] + (several ? "-all" : "") }, heading);
     this.list.append(box);
     const errors = series[0].group === "error";
-    /** @type {Strip} */
-    const strip = { box, names, own, single, errors, value, last };
+    /** @type {Omit<Strip, "plot">} */
+    const content = { box, names, own, single, errors, value, last, inSight: true, outdated: false };
     /** @type {import("uplot").Options} */
     const options = {
       width: this._width(),
       height: (several ? TALL : LOW) + (last ? 26 : 0),
       legend: { show: false },
       cursor: { y: false, x: true, drag: { x: false, y: false }, points: { size: 7 }, bind: this._unbound() },
-      scales: { x: { time: false }, y: { range: (plot) => this._range(strip, plot) } },
+      scales: { x: { time: false }, y: { range: (plot) => this._range(content, plot) } },
       axes: [this._axis(colours, last), this._upright(colours, unit)],
       series: [{}, ...series.map((one) => this._line(one, colours, several))],
-      hooks: { drawClear: [(plot) => this._shade(plot, colours)], draw: [(plot) => this._limits(strip, plot, colours)] },
+      hooks: { drawClear: [(plot) => this._shade(plot, colours)], draw: [(plot) => this._limits(content, plot, colours)] },
       padding: [HEADING, 12, last ? 0 : 4, 0],
     };
-    strip.plot = new uPlot(options, [this.x, ...names.map((name) => this._known(name))], box);
+    const plot = new uPlot(options, [this.x, ...names.map((name) => this._known(name))], box);
+    const strip = Object.assign(content, { plot });
     this._listen(strip);
     return strip;
   }
@@ -211,7 +242,7 @@ export class Strips {
     return {
       stroke: colourOf(series, colours),
       width: several ? (whole ? 2.2 : 1.3) : 1.2,
-      dash: several && series.dash.length ? series.dash : undefined,
+      dash: several && series.dash?.length ? series.dash : undefined,
       points: { show: false },
       show: !this.hidden.has(series.name) || !several,
     };
@@ -234,7 +265,7 @@ export class Strips {
     return [Math.max(plot.valToIdx(min) - 1, 0), Math.min(plot.valToIdx(max) + 1, x.length - 1)];
   }
 
-  /** @param {Strip} strip @param {uPlot} plot @returns {[number, number]} */
+  /** @param {Omit<Strip, "plot">} strip @param {uPlot} plot @returns {[number, number]} */
   _range(strip, plot) {
     const [first, last] = plot ? this._rows(plot) : [0, this.data.rows - 1];
     let names = strip.names;
@@ -287,7 +318,7 @@ export class Strips {
     context.restore();
   }
 
-  /** Draw zero and the tolerance. @param {Strip} strip @param {uPlot} plot @param {Theme} colours */
+  /** Draw zero and the tolerance. @param {Omit<Strip, "plot">} strip @param {uPlot} plot @param {Theme} colours */
   _limits(strip, plot, colours) {
     const { path_tolerance: path, width, width_tolerance: percent } = this.data;
     const quantity = this.data.seriesOf(strip.names[0]).quantity || strip.names[0];
@@ -318,19 +349,21 @@ export class Strips {
     gestures(plot.over, this.list, {
       hover: (x) => this.cursor.hover(rowAt(x), this),
       click: (x) => this.cursor.pin(rowAt(x), this),
-      dragging: (x0, y0, x1) => {
-        const box = x0 === undefined ? { left: 0, width: 0, top: 0, height: 0 } : { left: Math.min(x0, x1), width: Math.abs(x1 - x0), top: 0, height: plot.over.clientHeight };
-        plot.setSelect(box, false);
+      dragging: (...box) => {
+        const [x0, , x1] = box.length ? box : [0, 0, 0];
+        const height = box.length ? plot.over.clientHeight : 0;
+        plot.setSelect({ left: Math.min(x0, x1), width: Math.abs(x1 - x0), top: 0, height }, false);
       },
       box: (x0, y0, x1) => this._show([Math.min(x0, x1), Math.max(x0, x1)].map((x) => plot.posToVal(x, "x"))),
       zoom: (factor, x) => {
         const at = plot.posToVal(x, "x");
-        const { min, max } = plot.scales.x;
+        const [min, max] = this._part;
         this._show([at - (at - min) / factor, at + (max - at) / factor]);
       },
       pan: (dx) => {
         const shift = plot.posToVal(0, "x") - plot.posToVal(dx, "x");
-        this._show([plot.scales.x.min + shift, plot.scales.x.max + shift]);
+        const [min, max] = this._part;
+        this._show([min + shift, max + shift]);
       },
       reset: () => this._show(null),
     });
@@ -345,7 +378,9 @@ export class Strips {
     min = Math.min(Math.max(min, whole[0]), whole[1] - size);
     max = min + size;
     if (!(max > min)) return;
-    for (const { plot } of this._plots) plot.setScale("x", { min, max });
+    this._part = [min, max];
+    this._isWhole = min <= whole[0] && max >= whole[1];
+    for (const { plot, outdated } of this._plots) if (!outdated) plot.setScale("x", { min, max });
     this._markSoon();
   }
 
@@ -378,9 +413,10 @@ export class Strips {
   }
 
   _redraw(scales = false) {
-    for (const { plot } of this._plots) {
+    for (const { plot, outdated } of this._plots) {
+      if (outdated) continue;
       if (scales) {
-        const { min, max } = plot.scales.x;
+        const [min, max] = this._part;
         plot.setScale("x", { min, max });
       }
       plot.redraw(false, true);

@@ -31,7 +31,7 @@ export class Texts {
     const { context } = this;
     Object.assign(context, { textBaseline: "middle", ...looks });
     const measured = context.measureText(text);
-    const high = (parseFloat(context.font.match(/[\d.]+px/)?.[0]) || 11) * 1.2;
+    const high = (parseFloat(context.font.match(/[\d.]+px/)?.[0] ?? "") || 11) * 1.2;
     /** @param {TextPlace} place */
     const boxAt = ([x, y, align]) => {
       const left = align === "right" ? x - measured.width : align === "center" ? x - measured.width / 2 : x;

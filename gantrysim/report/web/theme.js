@@ -36,11 +36,25 @@ export function onTheme(listener) {
   for (const query of [DARK, FORCED]) query.addEventListener("change", listener);
 }
 
-/** @returns {Theme} */
+/** @type {Theme | null} */
+let known = null;
+
+// before any listener of `onTheme`
+onTheme(() => {
+  known = null;
+});
+
+/** The colours as they are now; read once, as that makes the browser compute the styles of the whole page. */
 export function theme() {
+  known ??= readTheme();
+  return known;
+}
+
+/** @returns {Theme} */
+function readTheme() {
   const style = getComputedStyle(document.documentElement);
   // forced colours are names of the system's, which WebGL does not know
-  const probe = document.querySelector("header");
+  const probe = document.body;
   /** @param {string} name */
   const value = (name) => {
     const given = style.getPropertyValue(name).trim();
@@ -48,7 +62,7 @@ export function theme() {
     probe.style.color = given;
     const colour = getComputedStyle(probe).color;
     probe.style.color = "";
-    const parts = colour.match(/\d+/g).slice(0, 3).map(Number);
+    const parts = (colour.match(/\d+/g) ?? []).slice(0, 3).map(Number);
     return `#${parts.map((part) => part.toString(16).padStart(2, "0")).join("")}`;
   };
   return {

@@ -1,15 +1,26 @@
 // Types of the page's and the workbench's modules, for `tsc --noEmit`; no part of what browsers get.
 
 /** A column as it is sent, see gantrysim/report/encoding.py; bytes are base64 on the page, and bytes in the workbench. */
-interface ColumnContent {
-  kind: string;
-  data?: string | Uint8Array;
+type ColumnContent = CodedColumn | AscendingColumn | RunsColumn;
+
+interface CodedColumn {
+  kind: "u16" | "d8";
+  data: string | Uint8Array;
   jumps?: string | Uint8Array;
-  first?: number;
-  offset?: number;
-  scale?: number;
-  values?: number[];
-  counts?: number[];
+  offset: number;
+  scale: number;
+}
+
+interface AscendingColumn {
+  kind: "ascending";
+  data: string | Uint8Array;
+  first: number;
+}
+
+interface RunsColumn {
+  kind: "runs";
+  values: number[];
+  counts: number[];
 }
 
 interface SeriesContent {
@@ -18,7 +29,7 @@ interface SeriesContent {
   unit: string;
   group: string;
   decimals: number;
-  colour?: string;
+  colour?: string | null;
   dash?: number[];
   meaning?: string;
   /** Of a comparison: the quantity without the number of its run. */
@@ -91,6 +102,8 @@ interface ComparedContent {
   path_tolerance: number | null;
   width: number | null;
   width_tolerance: number | null;
+  /** From nozzle to surface, of each run, where there is a 3-D view [mm]. */
+  gaps: number[] | null;
 }
 
 type Values = Float64Array;
@@ -123,9 +136,10 @@ interface Theme {
 interface Gestures {
   hover(x: number, y: number): void;
   click(x: number, y: number): void;
-  zoom(factor: number, x?: number, y?: number): void;
+  zoom(factor: number, x: number, y: number): void;
   pan(dx: number, dy: number): void;
-  dragging(x0?: number, y0?: number, x1?: number, y1?: number): void;
+  /** Without a box the drag has ended. */
+  dragging(...box: [] | [number, number, number, number]): void;
   box(x0: number, y0: number, x1: number, y1: number): void;
   reset(): void;
 }
@@ -162,7 +176,10 @@ interface Strip extends StripGroup {
   errors: boolean;
   value: HTMLElement;
   last: boolean;
-  plot?: uPlot;
+  /** Whether it is near the window, and whether it shows data before the present ones, as it was not. */
+  inSight: boolean;
+  outdated: boolean;
+  plot: uPlot;
 }
 
 /** A view of a run that shows further data in place. */
@@ -180,12 +197,29 @@ type Cursor = import("./cursor.js").Cursor;
 type Region = import("./map.js").Region;
 type PlanMap = import("./map.js").PlanMap;
 type Camera = import("./camera3d.js").Camera;
+type Labels = import("./labels3d.js").Labels;
+type Scale3d = import("./scale3d.js").Scale3d;
 type Controls = import("../../live/web/controls.js").Controls;
 type Ground = import("./ground3d.js").Ground;
-type View = import("./view3d.js").View;
+type Scene3d<Data extends RunData | ComparedData> = import("./scene3d.js").Scene3d<Data>;
+
+/** What a ribbon is made of: a run, or one of several over one another. */
+interface BeadInSpace {
+  rows: number;
+  column: Columns;
+  width: number | null;
+  space: { gap: number } | null;
+}
+
+/** A 3-D view: of a run, or of several over one another. */
+interface SpaceView {
+  children: HTMLElement[];
+  update(): void;
+  remove(): void;
+}
 
 interface Window {
-  gantrysimSpace: { View: typeof import("./view3d.js").View };
+  gantrysimSpace: typeof import("./space3d.js");
 }
 
 // messages of the workbench, see gantrysim/live
@@ -248,6 +282,22 @@ interface Proposals {
   proposals: { label: string; usages: string[]; cost: string }[];
 }
 
+interface BesideState {
+  name: string;
+  path: string;
+  version: number;
+  columns: string;
+  period: number | null;
+}
+
+interface BesideState {
+  name: string;
+  path: string;
+  version: number;
+  columns: string;
+  period: number | null;
+}
+
 interface State {
   jobs: Record<string, string[]>;
   folder: string;
@@ -256,7 +306,7 @@ interface State {
   can_undo: boolean;
   can_redo: boolean;
   kept: boolean;
-  beside: { name: string; path: string; version: number; columns: string; period: number | null } | null;
+  beside: BesideState | null;
   filmed: boolean;
   saved: string;
   busy: string;

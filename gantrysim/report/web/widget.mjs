@@ -10,7 +10,8 @@ export default {
     /** @type {ResizeObserver | undefined} */
     let observer;
     frame.addEventListener("load", () => {
-      const content = frame.contentDocument.documentElement;
+      const content = frame.contentDocument?.documentElement;
+      if (!content) return;
       // as high as its content, which unfolds and gets narrower
       observer = new ResizeObserver(() => (frame.style.height = `${content.offsetHeight}px`));
       observer.observe(content);

@@ -425,8 +425,15 @@ class Basic(Controller):
 
     def line_at(self, time: float) -> int | None:
         """Return the line of the text at a time [s], None outside the program."""
-        k = round(time / self.servo_period)
-        return int(self.lines[k]) if 0 <= k < len(self.lines) else None
+        return int(self.lines_at(np.array([time]))[0]) or None
+
+    def lines_at(self, times: Floats) -> NDArray[np.intp]:
+        """As `Controller.lines_at`."""
+        k = np.rint(times / self.servo_period)
+        inside = (k >= 0) & (k < len(self.lines))
+        lines = np.zeros(times.size, np.intp)
+        lines[inside] = np.asarray(self.lines)[k[inside].astype(np.intp)]
+        return lines
 
     @property
     def notes(self) -> tuple[str, ...]:
