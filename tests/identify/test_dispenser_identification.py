@@ -399,6 +399,18 @@ def test_spoiled_data_are_named(tmp_path, name):
     assert sentence in str(caught.value)
 
 
+def test_the_unit_of_a_source_counts_before_that_of_the_head(tmp_path):
+    file = tmp_path / "data.csv"
+    file.write_text(RIGHT.replace("mass [mg]", "mass [kg]").replace("time [s]", "span"), encoding="utf-8")
+    columns = {"mass": "mass [g]", "time": "span [ms]"}
+    (experiment,) = read_measurements([file], columns, **GLUE).experiments
+    rows = np.array([line.split(",") for line in RIGHT.splitlines()[1:]], float)
+    assert experiment.columns["mass"] == pytest.approx(1e3 * rows[:, 2])
+    assert experiment.columns["time"] == pytest.approx(1e-3 * rows[:, 1])
+    with pytest.raises(InputError, match="column span has no unit: must be one of"):
+        read_measurements([file], {"mass": "mass [g]", "time": "span"}, **GLUE)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
