@@ -63,7 +63,8 @@ def settings_of(overrides: Iterable[str] | Mapping[str, Any]) -> tuple[Override,
     check_type("overrides", overrides, Iterable, "texts in a list, or a mapping of keys to values")
     given = tuple(overrides.items()) if isinstance(overrides, Mapping) else tuple(overrides)
     for setting in given:
-        if not isinstance(setting, str) and not (isinstance(setting, tuple) and isinstance(setting[0], str)):
+        is_pair = isinstance(setting, tuple) and len(setting) == 2 and isinstance(setting[0], str)
+        if not isinstance(setting, str) and not is_pair:
             raise wrong_type("overrides[]", setting, 'a text "key=value", or a pair of key and value')
     return given
 

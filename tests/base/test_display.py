@@ -11,6 +11,7 @@ from PIL import Image
 
 from gantrysim import Budget, Job, Setpoints
 from gantrysim.base import memory
+from gantrysim.base.display import decimals_of
 from gantrysim.glue.bead import Bead
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.metrics import Analysis
@@ -140,3 +141,23 @@ def test_setpoints_show_where_glue_is_laid():
     assert glued[:, 0].min() == 30
     assert setpoints.facts()["dispenser on"] == "1.01 s in 1 stretch"
     assert setpoints.facts()["positions"] == "x 0 to 30, y 0 to 30"
+
+
+@pytest.mark.parametrize(
+    ("whole", "decimals"),
+    [
+        (0.0, 9),
+        (1e-7, 9),
+        (0.02, 6),
+        (0.1, 6),
+        (0.11, 5),
+        (1.0, 5),
+        (1.1, 4),
+        (99.0, 3),
+        (1e5, 0),
+        (1e5 + 1, 0),
+        (1e9, 0),
+    ],
+)
+def test_decimals_show_a_hundred_thousandth_of_the_whole(whole, decimals):
+    assert decimals_of(whole) == decimals

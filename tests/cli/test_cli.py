@@ -675,3 +675,29 @@ def test_errors_of_rotary_axes_are_in_thousandths_of_a_degree(tmp_path, capsys):
     assert f"{rms:.1f} mdeg" in printed
     assert f"{largest:.1f} mdeg" in printed
     assert printed.count("mdeg") == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (("gains", "an225", "--export", "trio", "--from", "trio", "x.bas"), "--export and --from: must be one of them"),
+        (("info", "an225", "--model", "xy"), "'an225': give either NAME or --model"),
+        (("improve", "an225", "--apply", "job.txt"), "--apply job.txt: must end in .toml, as a job file does"),
+        (
+            ("improve", "an225", "--apply", "own.toml"),
+            "--apply own.toml: exists and is not a job file; give another name",
+        ),
+        (
+            ("improve", "an225", "--apply", "bad.toml"),
+            "--apply bad.toml: exists and is not a job file; give another name",
+        ),
+    ],
+)
+def test_options_that_contradict_are_refused_before_anything_runs(
+    gantrysim_command, tmp_path, monkeypatch, words, error
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.toml").write_text("name = 'something else'\n")
+    (tmp_path / "bad.toml").write_text("name = \n")
+    assert gantrysim_command(*words) == (2, "", f"error: {error}\n")
+    assert {file.name for file in tmp_path.iterdir()} == {"own.toml", "bad.toml"}

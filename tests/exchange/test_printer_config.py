@@ -131,6 +131,13 @@ def test_configurations_that_give_no_limits_are_refused_in_a_line(printer, gantr
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize("ratio", ["80:0", "80", "80:16, 3", "80:-16", "a:b"])
+def test_a_gear_ratio_is_teeth_against_teeth(printer, ratio):
+    text = PRINTER.replace("[include parts/*.cfg]", X.replace("80:16, 3:2", ratio))
+    with pytest.raises(InputError, match=rf"\[stepper_x\] gear_ratio = {ratio}: must be as 80:16, 3:1$"):
+        PrinterConfig.load(printer(text)).tables("xyz", ["stepper"] * 3)
+
+
 def test_of_an_included_text_at_most_40_characters_reach_the_output(tmp_path):
     """A configuration may include any file of its reader, on purpose or not, and its values are sent on."""
     (tmp_path / "own.cfg").write_text(

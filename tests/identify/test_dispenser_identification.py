@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Job
+from gantrysim.base.errors import InputError
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.dispenser.advice import _weighings
@@ -354,6 +355,34 @@ SPOILED = {
         {"density": 1.1},
         "weighing: of a jet: must be drops and mass",
     ),
+    "an experiment without the pressure of the other": (
+        "experiment,pressure [kPa],time [s],mass [mg]\n"
+        + "".join(f"a,{p},10,{p}\nb,,10,{p}\n" for p in (100, 200, 300, 400)),
+        GLUE,
+        "b (weighing): has no column pressure, which sets the flow elsewhere",
+    ),
+    "dots without the pressure of the others": (
+        "experiment,pressure [kPa],open time [ms],mass [mg]\n"
+        + "".join(f"a,100,{t},{t}\nb,,{t},{t}\n" for t in (10, 20, 40, 80)),
+        GLUE,
+        "b (dots): has no column pressure, which sets the flow elsewhere",
+    ),
+    "a pump that never steps": (
+        "time [s],pump speed [rpm],flow [mm³/s]\n" + "".join(f"{k},10,5\n" for k in range(20)),
+        {"density": 1.1},
+        "its pump speed never changed: must step",
+    ),
+    "a record without the pump's speed": (
+        "experiment,time [s],pump speed [rpm],flow [mm³/s]\n"
+        + "".join(f"a,{k},{10 * (k > 5)},{5 * (k > 5)}\nb,{k},,5\n" for k in range(20)),
+        {"density": 1.1},
+        "b (record): has no column pump speed or command, nothing switches",
+    ),
+    "width in µm": (
+        BEADS + "20,0.3,1100\n40,0.3,800\n60,0.3,700\n80,0.3,600\n",
+        {"needle": (0.41, 12.7)},
+        "times the gap: must be 0.05 to 20 times; µm read as mm?",
+    ),
     "two kinds": (
         "pump speed [rpm],plunger speed [mm/s],time [s],mass [mg]\n" + "".join(f"{k},{k},5,{k}\n" for k in range(1, 6)),
         {"density": 1.1},
@@ -368,6 +397,37 @@ def test_spoiled_data_are_named(tmp_path, name):
     with pytest.raises(NotIdentifiedError) as caught:
         identified(tmp_path, text, **options)
     assert sentence in str(caught.value)
+
+
+def test_the_unit_of_a_source_counts_before_that_of_the_head(tmp_path):
+    file = tmp_path / "data.csv"
+    file.write_text(RIGHT.replace("mass [mg]", "mass [kg]").replace("time [s]", "span"), encoding="utf-8")
+    columns = {"mass": "mass [g]", "time": "span [ms]"}
+    (experiment,) = read_measurements([file], columns, **GLUE).experiments
+    rows = np.array([line.split(",") for line in RIGHT.splitlines()[1:]], float)
+    assert experiment.columns["mass"] == pytest.approx(1e3 * rows[:, 2])
+    assert experiment.columns["time"] == pytest.approx(1e-3 * rows[:, 1])
+    with pytest.raises(InputError, match="column span has no unit: must be one of"):
+        read_measurements([file], {"mass": "mass [g]", "time": "span"}, **GLUE)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("pressure [kPa],time [s],mass [mg]\n,,\n,,\n", "has no rows with values"),
+        (
+            "speed [mm/s],width [mm],gap [mm]\n10,2,0.7\n20,1,\n",
+            "bead: gap is empty in row 2: must be filled in all",
+        ),
+        ("time [s],command,mass [mg]\n0,0,\n1,1,\n2,0,\n", "record: has neither mass nor flow over its time"),
+        ("gap [mm],width [mm]\n0.3,2\n0.3,1\n", "bead: speed is missing; it needs speed"),
+        ("speed [mm/s],width [mm]\n10,2\n,1\n", "bead: speed is empty in some of its rows; it needs speed"),
+    ],
+)
+def test_a_table_that_is_no_measurement_is_refused(tmp_path, text, message):
+    with pytest.raises(InputError) as caught:
+        identified(tmp_path, text, density=1.1)
+    assert message in str(caught.value)
 
 
 def test_sound_data_pass(tmp_path):

@@ -66,6 +66,14 @@ def test_what_is_refused():
         excitation(Machine("delta"), "trio")
 
 
+def test_an_axis_whose_travel_begins_beyond_zero_is_refused():
+    machine = Machine("xy")
+    for travel in ((10.0, 100.0), (-100.0, -10.0), (0.0, 1e-4)):
+        moved = machine.edited(travel_edit(machine.axes, {"x": travel}))
+        with pytest.raises(InputError, match=r"axis x: its travel is .* mm, must extend to both sides of zero"):
+            strokes(moved)
+
+
 @pytest.mark.parametrize(
     ("travel", "longest"), [((-20.0, 100.0), 42.0), ((-100.0, 20.0), -42.0), ((-900.0, 10.0), -80.0)]
 )

@@ -219,6 +219,9 @@ def test_overrides_may_be_a_mapping():
 def test_overrides_are_not_one_text():
     with pytest.raises(InputError, match=r"^overrides = 'turns=2': must be texts in a list, or a mapping of keys"):
         Job.load("an225", "turns=2")
+    for setting in (3, (), ("program.turns",), (3, 2), b"turns=2"):
+        with pytest.raises(InputError, match=r'^overrides.*: must be a text "key=value", or a pair of key and value'):
+            Job.load("an225", [setting])
 
 
 def test_an_unknown_key_of_a_mapping_is_named():

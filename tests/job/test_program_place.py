@@ -49,6 +49,57 @@ def test_the_dialect_is_that_of_the_content(controller, tmp_path):
     job.plan()
 
 
+FANUC_CODES = "it has words of FANUC's alone, as G65, G68, G51.1 or ,R"
+FANUC_FLOW = "it has WHILE, IF or GOTO without O words"
+FED = "its moves feed material by E"
+PRINTER = "it has codes of printers' firmware"
+PLAIN = "it has no O number and feeds no material by E"
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("%\nO0001\nG0 X1", "it begins with an O number"),
+        ("(O0001)\nG0 X1", PLAIN),
+        ("O100 sub\nG0 X1\nO100 endsub", PLAIN),
+        ("N10 IF [#1 EQ 2] GOTO 20\nG0 X1", FANUC_FLOW),
+        ("WHILE [#1 LT 2] DO1\nG0 X1\nEND1", FANUC_FLOW),
+        ("O1 while [#1 LT 2]\nG0 X1\nO1 endwhile", PLAIN),
+        ("G65 P9010 A1\nG0 X1", FANUC_CODES),
+        ("G01 X5 F60,R2\nY5", FANUC_CODES),
+        ("G51.1 X0\nG0 X1", FANUC_CODES),
+        ("G51.2 X0\nG0 X1", PLAIN),
+        ("G0 X1 (G68 is not here)", PLAIN),
+        ("G1 X1 E0.2 F600", FED),
+        ("G1 X1 ; E0.2", PLAIN),
+        ("M104 S200\nG0 X1", PRINTER),
+        ("SET_FAN_SPEED FAN=a\nG0 X1", PRINTER),
+        ("M110\nG0 X1", PLAIN),
+    ],
+)
+def test_the_dialect_is_told_by_the_words_that_others_have_not(text, reason):
+    dialect = recognised_dialect(text)
+    assert dialect.reason == reason
+    fanuc = reason in (FANUC_CODES, FANUC_FLOW, "it begins with an O number")
+    slicer = reason in (FED, PRINTER)
+    assert dialect.controller == ("fanuc.Program" if fanuc else "slicer.Program" if slicer else "linuxcnc.Program")
+
+
+@pytest.mark.parametrize(
+    ("text", "is_program"),
+    [
+        ("G0 X1\nhello\n", False),
+        ("G0 X1\nG1 Y2\nhello\n", True),
+        ("M3\nT1\nF600\n", False),
+        ("X1 Y2\n", True),
+        ("(G0 X1)\n", False),
+        ("", False),
+    ],
+)
+def test_most_lines_of_a_program_are_blocks_and_one_is_a_motion(text, is_program):
+    assert is_gcode(text) == is_program
+
+
 def test_a_file_that_is_neither_a_program_nor_a_job(tmp_path):
     file = file_of(tmp_path, "Dear reader,\nthis is a letter.\n", "letter.txt")
     with pytest.raises(InputError, match=r"is neither a job in TOML nor G-code, and \.txt is not a suffix"):

@@ -259,6 +259,7 @@ def test_limits_of_linear_axes_are_refused(delta):
     [
         (lambda spec: spec.delete(spec.equalities[0]), "2 rods .* hold 1 bodies: must be 3"),
         (lambda spec: setattr(spec.joint("platform_x"), "axis", [1, 0.1, 0]), "must be along x, y and z of the work"),
+        (lambda spec: spec.delete(spec.joint("platform_x")), "the platform 'platform' must have three slides that no"),
         (lambda spec: setattr(spec.texts[0], "data", "dalta"), "unknown kinematics 'dalta': did you mean delta?"),
     ],
 )

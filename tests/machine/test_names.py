@@ -91,6 +91,15 @@ def test_names_that_the_mjcf_lacks_or_has_twice(file, names, text):
         Machine(file, names)
 
 
+def test_an_element_without_any_name_cannot_be_named(file):
+    text = MACHINE.replace('<framepos name="where" objtype="site" objname="tip" reftype="body" refname="bed"/>', "")
+    file.write_text(text.replace(' name="tip"', ""))
+    with pytest.raises(
+        InputError, match=r'names.nozzle: the MJCF names no site: add <site name="tip"/>, or a name to one'
+    ):
+        Machine(file, NAMES)
+
+
 def test_a_joint_in_a_tendon_keeps_its_name(tmp_path):
     (tmp_path / "corexy.xml").write_text(COREXY)
     with pytest.raises(InputError, match=r"names.left: joint 'a' is part of tendon 'belt_a': rename joint"):

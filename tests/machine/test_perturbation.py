@@ -341,6 +341,9 @@ def test_every_machine_takes_quasi_random_factors_and_runs(name):
         ({"friction": 0.0}, "factor of friction = 0: must be greater than 0"),
         ({"home_offset": math.inf}, "home_offset = inf: must be finite"),
         ({"stiffness": (1.0, -1.0)}, "factor of stiffness = -1: must be greater than 0"),
+        ({"geometry": 2.0}, r'geometry is of type float: must be pairs; write geometry=\(\("warming", 2.0\),\)'),
+        ({"geometry": ("warming", 2.0)}, "must be pairs"),
+        ({"geometry": (("warming", math.inf),)}, "factor of warming = inf: must be finite"),
         ({"motor_constant": "much"}, "factor of motor_constant = 'much': must be a number"),
     ],
 )

@@ -1,5 +1,6 @@
 """What a machine's drives can do, against the documented machines and hand calculation."""
 
+import dataclasses
 import math
 import re
 
@@ -34,6 +35,33 @@ def test_a_built_in_machine_has_the_modes_and_forces_of_its_page():
         armature = {"x": 2.47e-5, "y": 2.55e-5}[one.axis.name]
         assert one.inertia_ratio == pytest.approx(load / 628.3185**2 / armature, rel=1e-5)
     assert sizing.findings == ()
+
+
+@pytest.mark.parametrize(
+    ("changed", "finding"),
+    [
+        ({"torque_at_speed": 0.1, "friction_at_speed": 0.1}, ""),
+        (
+            {"torque_at_speed": 0.1, "friction_at_speed": 0.11},
+            "N·m, friction takes 0.11 N·m: lower the speed limit or raise the voltage",
+        ),
+        ({"inertia_ratio": 10.0}, ""),
+        ({"inertia_ratio": 10.1}, "inertia ratio 10.1, above 10 the load leads the motor: more reduction"),
+        ({"gain_margin": 1.99}, ""),
+        ({"gain_margin": 1.9}, "gain margin 1.9, below 2: a shorter servo period or stiffer drive"),
+        ({"rms": 0.5, "continuous_torque": 0.5}, ""),
+        ({"rms": 0.6, "continuous_torque": 0.5}, "rms torque 0.6 N·m is 1.20 times the continuous torque"),
+        ({"resolution": 0.01}, ""),
+        ({"resolution": 0.0101}, "an encoder count is 10.1 µm: an encoder with more counts, or more reduction"),
+    ],
+)
+def test_each_value_beyond_its_bound_is_one_finding(changed, finding):
+    one = Sizing.of(Machine("xy")).axes[0]
+    if "resolution" in changed:
+        changed = {"axis": dataclasses.replace(one.axis, **changed)}
+    found = dataclasses.replace(one, **changed).findings()
+    assert len(found) == bool(finding)
+    assert all(line.startswith("x: ") and finding in line for line in found)
 
 
 def test_modes_of_a_closed_chain_are_those_of_its_constraints():

@@ -1,5 +1,7 @@
 """Another travel for the axes of a machine, in the units of the axes whatever those of the MJCF's angles."""
 
+import math
+
 import pytest
 
 from gantrysim import InputError
@@ -48,3 +50,8 @@ def test_travel_is_in_mm_and_degrees(tmp_path, angle, range_):
     assert [axis.travel for axis in changed.axes] == [pytest.approx((-45, 55)), pytest.approx((-10, 30))]
     with pytest.raises(InputError, match=r"^travel.c = 30 to 30 deg: must be ascending$"):
         travel_edit(machine.axes, {"c": (30, 30)})
+    with pytest.raises(InputError, match=r"^unknown axis of travel 'v'"):
+        travel_edit(machine.axes, {"v": (0, 30)})
+    for bounds in ((-math.inf, 1), (0, math.nan)):
+        with pytest.raises(InputError, match=r"^travel.x = (-inf|nan) mm: must be finite"):
+            travel_edit(machine.axes, {"x": bounds})

@@ -224,6 +224,34 @@ def test_projection_stays_on_its_turn_of_a_spiral_finer_than_the_table_of_points
     assert path.project(path.position(s) + 0.01 * path.normal(s)).s == pytest.approx(s, abs=FOOT)
 
 
+@pytest.mark.parametrize(
+    ("curvature", "lengths"),
+    [
+        ([0.0], [3.0]),
+        ([0.0, 0.2, 0.0, -0.1], [30.0, 7.0, 0.7, 20.0]),
+        ([0.5, -2.0, 0.01], [2.0, 1.3, 11.0]),
+    ],
+)
+def test_the_table_has_all_joints_and_chords_that_are_short_and_near_the_path(curvature, lengths):
+    path = ArcChain((1, 2), 0.3, curvature, lengths)
+    table = path.table
+    s = table.s
+    assert s[0] == 0
+    assert s[-1] == pytest.approx(path.length, abs=1e-9)
+    assert np.abs(s[:, None] - np.cumsum(lengths)).min(axis=0) == pytest.approx(np.zeros(len(lengths)), abs=1e-9)
+    assert s[table.is_corner] == pytest.approx(path.corners, abs=1e-9)
+    # evenly spaced, and never in fewer than 256 parts
+    longest = min(TABLE_SPACING, path.length / 256)
+    assert np.diff(s).min() > 0
+    assert table.widest == pytest.approx(np.diff(s).max(), abs=1e-12)
+    assert np.diff(s).max() <= longest * (1 + 1e-6)
+    assert np.diff(s).max() > 0.4 * longest
+    bend = np.abs(curvature)[np.minimum(np.searchsorted(np.cumsum(lengths), s[:-1], side="right"), len(lengths) - 1)]
+    assert (bend * np.diff(s) ** 2 / 8 <= 5.001e-6).all()
+    places = path.position(s)
+    assert table.points == pytest.approx(places, abs=POSITION)
+
+
 def test_distance_of_a_far_point_whose_foot_is_near_a_joint_of_an_arc_and_a_line():
     chain = (0, 0), 0, [0.2, 0.0], [27.0, 39.0]
     exact = distance_to_chain(-223 - 171j, *chain)

@@ -263,3 +263,87 @@ def test_the_tick_that_diverged_may_have_no_torque(place, record):
     dataclasses.replace(record, torque=torque, fault=None).save(place)
     with pytest.raises(InputError, match="torque has 1 values that are not finite"):
         Run.load(place)
+
+
+def put(name, value):
+    """Replace a member, or add it."""
+    return lambda files: files | {f"{name}.npy": array_file(value)}
+
+
+def edited(name, change):
+    """Change the array of a member."""
+
+    def edit(files):
+        array = np.load(io.BytesIO(files[f"{name}.npy"]))
+        return files | {f"{name}.npy": array_file(change(array))}
+
+    return edit
+
+
+def without(name):
+    return lambda files: {member: data for member, data in files.items() if member != f"{name}.npy"}
+
+
+def at(place, value):
+    def change(array):
+        array[place] = value
+        return array
+
+    return change
+
+
+def two_in_a_byte(array):
+    array.view(np.uint8)[5] = 2
+    return array
+
+
+DAMAGES = {
+    "it has no format": put("format", np.array("8")),
+    "its format is 99, only format": put("format", np.array(99)),
+    "its time or axes are missing": without("time"),
+    "its time or axes are missing: no axes": put("axes", np.array([], "U1")),
+    "nozzle is missing": without("nozzle"),
+    "more is no member of a record": put("more", np.array(1.0)),
+    "nozzle has the shape": edited("nozzle", lambda array: array[:, :2]),
+    "encoder has the shape": edited("encoder", lambda array: array.astype(np.float32)),
+    "axes x, y in m, mm": put("units", np.array(["m", "mm"])),
+    "axes x, x in mm, mm": put("axes", np.array(["x", "x"])),
+    "'' is no name": put("axes", np.array(["x", ""])),
+    "'a\\nb' is no name": put("machine", np.array("a\nb")),
+    "period = 0": put("period", np.array(0.0)),
+    "period = nan": put("period", np.array(math.nan)),
+    "gap = inf": put("gap", np.array(math.inf)),
+    "time is not that of ticks every 0.001 s": edited("time", at(7, 0.0070001)),
+    "dispense has values other than true and false": edited("dispense", two_in_a_byte),
+    "nozzle has 2 values that are not finite": edited("nozzle", at((3, slice(0, 2)), math.nan)),
+    "commanded has 1 values that are not finite": edited("commanded", at((5, 1), math.inf)),
+    "fault = {'kind': 'travel', 'axis': 'q'": edited(
+        "fault", lambda array: np.array(str(array).replace('"axis": "x"', '"axis": "q"'))
+    ),
+    "period is not an array of numbers or text": put("period", np.array(1e-3, ">f8")),
+    "progress from 0 to": edited("progress", at(9, 0.0)),
+}
+
+
+@pytest.mark.parametrize("message", DAMAGES)
+def test_what_a_record_must_have_is_named(place, content, message):
+    place.write_bytes(sealed(archived(DAMAGES[message](members(content)))))
+    with pytest.raises(InputError) as refused:
+        Run.load(place)
+    assert message.partition(": no")[0] in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_members_that_stand_there_twice_or_are_packed_in_another_way_are_refused(place, content):
+    files = members(content)
+    place.write_bytes(content)
+    with warnings.catch_warnings(), zipfile.ZipFile(place, "a") as archive:
+        warnings.simplefilter("ignore")
+        archive.writestr("gap.npy", files["gap.npy"])
+    with pytest.raises(InputError, match="members stand there twice"):
+        Run.load(place)
+    with zipfile.ZipFile(place, "w", zipfile.ZIP_BZIP2) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    with pytest.raises(InputError, match="is packed in another way"):
+        Run.load(place)

@@ -40,6 +40,18 @@ def test_arrays_are_read_only_copies():
             array[0] = 1
 
 
+def test_arrays_that_nobody_writes_to_are_not_copied():
+    own = np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]])
+    own.setflags(write=False)
+    assert np.shares_memory(made(position=own).position, own)
+    seen = np.arange(6.0).reshape(3, 2)
+    view = seen[:]
+    view.setflags(write=False)
+    setpoints = made(position=view)
+    seen[0, 0] = 7
+    assert setpoints.position[0, 0] == 0
+
+
 def test_setpoints_along_a_line_are_equally_spaced_and_end_at_its_end():
     setpoints = Setpoints.along(LINE, 4, 0.6)  # 2.4 mm each, the last 0.4 mm
     expected = np.array([0, 2.4, 4.8, 7.2, 9.6, 10])[:, None] * [0.8, 0.6]

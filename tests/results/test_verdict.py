@@ -206,6 +206,17 @@ def test_no_glue_is_no_pass():
     assert "nothing was laid" in str(verdict)
 
 
+def test_a_bead_shorter_than_its_ends_has_no_width_to_judge():
+    for end, judged in ((60, True), (4, False)):
+        text = f"G21 G17 G90 G94 G64\nG0 X0 Y0\nM62 P0\nG1 X{end} F6000\nM63 P0\nM2\n"
+        job = line_job(program={"controller": "linuxcnc.Program", "text": text})
+        row = Verdict.of(job, job.follow())["glue"]
+        assert (
+            "width not judged: every stretch of bead is shorter than a start and a stop" in row.remark
+        ) is not judged
+        assert (row.values["blobs"] is not None) is judged
+
+
 def test_glue_that_never_comes_fails(job, follower):
     row = Verdict.of(job, follower.replaced(flow=np.zeros_like(follower.flow)))["glue"]
     assert row.state == "fail"

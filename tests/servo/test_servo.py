@@ -157,5 +157,7 @@ def test_values_are_converted_and_lists_are_checked_as_tuples_are():
 
 
 def test_a_gain_that_does_not_exist_is_a_type_error():
-    with pytest.raises(TypeError, match=r"unknown keyword 'kq': did you mean k[pid]"):
+    with pytest.raises(TypeError, match=r"^Servo.derive: unknown keyword 'kq': did you mean k[pid]"):
         Servo.derive([Plant()], kq=1.0)
+    with pytest.raises(TypeError, match=r"^Servo.with_values: unknown keyword 'kq': did you mean k[pid]"):
+        Servo.derive([Plant()]).with_values(kq=1.0)

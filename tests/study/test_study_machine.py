@@ -5,14 +5,16 @@ import itertools
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from scipy.stats import spearmanr
 
 from gantrysim.base.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
+from gantrysim.results.colours import GOOD
 from gantrysim.study import OK, Report, measure, run_study
 from gantrysim.study.machine import MachineStudy, Tolerances
-from gantrysim.study.machine.report import _draw_yield, influences, yield_of
+from gantrysim.study.machine.report import _draw_scatter, _draw_yield, influences, yield_of
 
 from support.distinct import unaccounted
 
@@ -234,6 +236,46 @@ def test_every_value_of_known_machines_is_shown_where_it_belongs():
             )
         ),
     ]
+
+
+def test_without_an_influence_no_lever_is_named():
+    study = MachineStudy(Job.load("an225"), 60.0, samples=64)
+    (cases,) = study.rounds()
+    rows = [{**dict(case.tags), "status": OK} for case in cases]
+    for row, value in zip(rows, (33.0, *np.random.default_rng(4).permutation(np.arange(101, 165))), strict=True):
+        row["contour_max_um"] = 0.5 * float(value)
+    report = study.report(rows)
+    assert report.answer.endswith(
+        "; no factor of the build has a significant influence, so none is known to be a lever."
+    )
+    assert [row[2] for row in report.tables[0].rows] == ["no"] * len(report.tables[0].rows)
+    assert report.details.notes[0] == "No factor has a significant influence."
+    assert {bar.get_alpha() for bar in report.plots[1].figure.axes[0].patches} == {0.25}
+    for k in (1, 2):
+        rows[k]["status"] = "refused: no"
+    assert "2 runs failed, such as machine 1: refused: no." in study.report(rows).details.notes
+
+
+def test_curve_histogram_and_points_count_every_machine():
+    """Of 40 values from 1 to 40 and 10 failed machines, 12 are at most 12.5."""
+    values = np.append(np.arange(1.0, 41.0), np.full(10, np.inf))
+    above, below = _draw_yield(values, 3.0, 12.5, "error [µm]").axes
+    curve = max(above.lines, key=lambda line: len(line.get_xdata()))
+    assert curve.get_xdata().tolist() == [1, *range(1, 41)]
+    assert curve.get_ydata() == pytest.approx(np.arange(41) * 2)
+    assert [text.get_text() for text in above.texts] == ["yield 24.0 %"]
+    good = [bar for bar in below.patches if to_hex(bar.get_facecolor()) == to_hex(GOOD)]
+    assert sum(bar.get_height() for bar in below.patches) == 40
+    assert sum(bar.get_height() for bar in good) == 12
+    assert max(bar.get_x() + bar.get_width() for bar in good) == pytest.approx(12.5)
+    factors = {"payload": np.arange(50.0), "friction of x": -np.arange(50.0), "stiffness": np.ones(50)}
+    panels = _draw_scatter(factors, values, 12.5, "error [µm]").axes
+    for panel, factor in zip(panels, factors.values(), strict=False):
+        within, beyond, _ = panel.lines
+        assert within.get_xydata().tolist() == [[factor[k], k + 1] for k in range(12)]
+        assert beyond.get_xydata().tolist() == [[factor[k], k + 1] for k in range(12, 40)]
+    assert [panel.get_xlabel() for panel in panels[:2]] == ["payload [kg]", "friction of x, factor"]
+    assert [panel.get_visible() for panel in panels] == [True] * 3 + [False]
 
 
 @pytest.mark.parametrize(("tolerance", "shares"), [(1.0, [0, 0]), (50.0, [0, 100]), (1e3, [100, 100])])

@@ -59,6 +59,27 @@ def test_a_file_without_columns_of_numbers_is_refused(mat):
         mat({"state": np.array(["idle", "run", "on"], dtype=object)})
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("log.parquet", b"PAR1" + bytes(40) + b"PAR1", "is no Parquet file that can be read: "),
+        ("log.mat", b"MATLAB 5.0 MAT-file" + bytes(200), "is not a readable MATLAB file: "),
+        (
+            "log.mat",
+            b"\x89HDF\r\n\x1a\n" + bytes(600),
+            "is a file of MATLAB 7.3 (HDF5): must be saved with -v7, or as CSV or Parquet",
+        ),
+        ("log.mcap", b"\x89MCAP0\r\n" + bytes(40), "is no MCAP file that can be read: "),
+    ],
+)
+def test_a_binary_file_that_is_damaged_is_refused_in_one_line(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError) as refused:
+        read_table(tmp_path / name)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
 def test_instants_count_from_the_first_row_even_where_they_fall(tmp_path):
     pandas = pytest.importorskip("pandas")
     file = tmp_path / "log.parquet"

@@ -165,6 +165,9 @@ def test_modes_of_a_cantilever(machines):
     mass[1, 2] = mass[2, 1] = -carriage * parts[1][2]
     stiffness = np.diag([8e6, table["arm_stiffness"], 10e6])
     np.testing.assert_allclose(modes(machine.physics, locked=locked(machine))[0], hertz(stiffness, mass), rtol=1e-5)
+    # the guides alone, of the bridge alone
+    critical = 2 * math.sqrt(table["skew_stiffness"] * arm * 0.52**2 / 12)
+    assert machine.physics.joint("skew").damping[0] == pytest.approx(0.03 * critical, rel=1e-6)
 
 
 def test_the_arm_of_a_cantilever_yaws_at_three_hundredths_of_critical_damping(machines):
@@ -365,6 +368,15 @@ def test_the_written_mjcf_is_the_machine_of_the_table(tmp_path, machines):
         ("lead = 10", 'lead = 10, accuracy = "C4"', "accuracy = 'C4': must be one of C0, C1"),
         ('kind = "screw", lead', 'kind = "chain", lead', "transmission"),
         ("speed = 9000", "sped = 9000", "unknown key x.sped"),
+        ("nut_mass = 0.25", 'mode = "stepper"', "mode = 'stepper': a brushed motor runs in a closed loop; use torque"),
+        ("nut_mass = 0.25", "microsteps = 16", "microsteps: a brushed motor has none, leave it out"),
+        ("encoder = 10000\n", "", "encoder is missing, a brushed motor needs it"),
+        ('kind = "brushed"', 'kind = "stepper"', "holding_torque and rated_current of a stepper motor missing"),
+        (
+            'arrangement = "bridge"',
+            'arrangement = "bridge"\nskew_stiffness = 3',
+            "skew_stiffness: arrangement = 'bridge' has",
+        ),
         ('arrangement = "bridge"', 'arrangement = "bridge"\nspan = 3', "span: arrangement = 'bridge' has none"),
         ('arrangement = "bridge"', 'arrangement = "tandem"', "span is missing, arrangement = 'tandem' needs it"),
         ("lead = 20", "lead = 1e-300", "one is far too large or too small"),

@@ -183,6 +183,11 @@ def test_what_a_table_beside_a_urdf_may_not_hold(tmp_path, old, new, text):
     ("old", "new", "text"),
     [
         ("<robot", "<robt", "printer.urdf: is not XML"),
+        (
+            '<origin xyz="0 0 -0.05"/><axis xyz="0 0 1"/><limit lower="-0.001" upper="0.08" effort="1" velocity="9"/>',
+            '<origin xyz="0 0 -0.05"/><axis xyz="0 0 1"/><limit effort="1" velocity="9"/>',
+            "z.travel is missing, joint 'jz' has no limits",
+        ),
         ("robot", "xacro", "its root is <xacro>, that of a URDF is <robot>; convert xacro first"),
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 1 1"/>', "axis 'z' moves the nozzle along"),
         ('lower="-0.001" upper', 'lower="0.01" upper', "must include 0"),
