@@ -24,6 +24,12 @@ ForJob = Annotated[str | None, typer.Option("--job", help="Job whose torques are
 
 _Row = tuple[str, Callable[[AxisSizing], float]]
 
+
+def _positive(value: float) -> float:
+    """Return a value, NaN for 0: an axis without encoder or without an accuracy class, which is not an exact one."""
+    return value if value > 0 else math.nan
+
+
 _MACHINE: tuple[_Row, ...] = (
     ("no-load speed [{u}/s]", lambda sizing: sizing.axis.no_load_speed),
     ("speed limit [{u}/s]", lambda sizing: sizing.axis.speed_limit),
@@ -33,8 +39,8 @@ _MACHINE: tuple[_Row, ...] = (
     ("friction there [N·m]", lambda sizing: sizing.friction_at_speed),
     ("acceleration from rest [{u}/s²]", lambda sizing: sizing.acceleration),
     ("inertia ratio, load to rotor", lambda sizing: sizing.inertia_ratio),
-    ("encoder count [{m}]", lambda sizing: 1e3 * sizing.axis.resolution),
-    ("error of the travel, plus or minus [µm]", lambda sizing: sizing.travel_error),
+    ("encoder count [{m}]", lambda sizing: _positive(1e3 * sizing.axis.resolution)),
+    ("error of the travel, plus or minus [µm]", lambda sizing: _positive(sizing.travel_error)),
     ("natural frequency of the loop [Hz]", lambda sizing: sizing.frequency),
     ("gain margin", lambda sizing: sizing.gain_margin),
 )

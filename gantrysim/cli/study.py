@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +19,9 @@ if TYPE_CHECKING:
 
     from gantrysim.report.document import Table
     from gantrysim.study.study import Report, Study
+
+# a command of an answer that names the job in the study's folder
+_OF_FOLDER = re.compile(r"(gantrysim (?:improve|study \w+)) (job\.toml)")
 
 # options of every study
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="Built-in job, TOML file, or program file.")]
@@ -102,7 +107,7 @@ def carry_out(
         warn(f"note: rows of another study in {folder}/ are discarded: {outcome.discarded}")
     if outcome.resumed:
         warn(f"note: resumed with the rows of {outcome.resumed} cases from an interrupted run")
-    _say_report(outcome.report)
+    _say_report(outcome.report, folder)
     if outcome.failed is None:
         say(f"page: {folder / REPORT}")
     else:
@@ -112,10 +117,12 @@ def carry_out(
     return folder
 
 
-def _say_report(report: Report) -> None:
-    """Print question, answer and table; the details are on the page."""
+def _say_report(report: Report, folder: Path) -> None:
+    """Print question, answer and table; the details are on the page. Files of the folder are named from here."""
     say(report.question, wrap=True, end="\n\n")
-    say(report.answer, wrap=True, end="\n\n")
+    # the page lies beside the job's file, the reader of the terminal does not
+    answer = _OF_FOLDER.sub(lambda found: f"{found[1]} {shlex.quote(str(folder / found[2]))}", report.answer)
+    say(answer, wrap=True, end="\n\n")
     if report.table is not None:
         say(report.table.caption or "", wrap=True)
         show(_terminal_table(report.table))

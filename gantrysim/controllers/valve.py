@@ -177,6 +177,11 @@ class Outputs:
         """Names of the outputs that are on."""
         return self.states[self.index]
 
+    @property
+    def is_reverse(self) -> bool:
+        """Whether M4 is on."""
+        return _REVERSE in self.now
+
     def switch(
         self, codes: Iterable[int], number: float | None, speed: float | None, word: float | None = None
     ) -> None:

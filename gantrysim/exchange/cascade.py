@@ -94,6 +94,12 @@ class SoftMC(Dialect):
             values["velocity_time"] = 1 / rate if rate else 0.0
         return values
 
+    def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
+        remarks = super().remarks(words, axis)
+        if "KPVFR" not in words:
+            remarks.append(f"KPVFR of axis {axis.name} is not given: read as 0, without velocity feed-forward")
+        return remarks
+
     def body(self, axes: Sequence[AxisServo]) -> list[str]:
         lines = []
         for axis in axes:
@@ -141,6 +147,17 @@ class Fanuc(Dialect):
             return {"kp": words.get("1825", 0.0) / 100, "velocity_ff": words.get("2092", 0.0) / 1e4}
         kv = axis.has("kd - output_velocity", axis.on_error["kd"], "it is the gain of the velocity loop")
         return {name: axis.gains[name] for name in GAIN_NAMES} | {"kp": words.get("1825", 0.0) / 100 * kv}
+
+    def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
+        remarks = super().remarks(words, axis)
+        kept = [
+            f"{name} = {value:g}"
+            for name, value in axis.gains.items()
+            if value and name not in self.carried_fields(axis.mode)
+        ]
+        if kept:
+            remarks.append(f"no parameter of {self.name}, kept from the job for axis {axis.name}: {', '.join(kept)}")
+        return remarks
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:
         by_parameter: dict[str, list[str]] = {}

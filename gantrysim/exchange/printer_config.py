@@ -144,7 +144,7 @@ class PrinterConfig:
         if not frequency:
             return None
         options = self.sections["input_shaper"]
-        kind = options.get("shaper_type", options.get(f"shaper_type_{letter}", _SHAPER)).lower()
+        kind = options.get(f"shaper_type_{letter}", options.get("shaper_type", _SHAPER)).lower()
         return AxisShaper(_name(kind), frequency, self._number("input_shaper", f"damping_ratio_{letter}", _DAMPING))
 
     def tables(self, axes: Sequence[str], modes: Sequence[str]) -> tuple[str, list[str]]:

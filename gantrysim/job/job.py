@@ -15,6 +15,7 @@ from gantrysim.engine.linear import Engine
 from gantrysim.engine.recording import dispenser_notes
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
+from gantrysim.glue.bead import Bead, HeightMap
 from gantrysim.glue.dispenser.command import output_note
 from gantrysim.glue.dispenser.dispenser import VALVE
 from gantrysim.job.loaded import LoadedJob
@@ -194,10 +195,15 @@ class Job(LoadedJob):
             return plan_of(self.built_machine, self.program["controller"], self.setpoints, self.controller)
 
     def check_fit(self) -> None:
-        """Raise InputError unless program and machine agree in frame and geometry; includes `check_faults`."""
+        """Raise InputError unless program and machine agree in frame and geometry; includes `check_faults`.
+
+        Cells of a height map that the job states must suit the bead of a machine that follows the program exactly.
+        """
         with self.locate_errors():
             check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
         self.check_faults()
+        if self.bead.cell is not None:
+            HeightMap.check(Bead(self.follow(), self.bead))
 
     def check_faults(self) -> None:
         """Raise InputError for deliberate faults that the machine cannot have, or that begin after its end."""

@@ -32,6 +32,9 @@ def test_machine_new_writes_the_mjcf_and_says_what_it_can_do(gantrysim_command, 
     row = next(line for line in out.splitlines() if "no-load speed" in line)
     # 48 V / 0.0538 N·m/A and 40 mm / 3 per turn; 48 V / 0.0603 N·m/A and 72 mm / 4
     assert [cell.strip() for cell in row.split("│")[2:4]] == ["1893", "2280"]
+    # no accuracy class is given: the error is not known, which is not 0
+    row = next(line for line in out.splitlines() if "error of the travel" in line)
+    assert [cell.strip() for cell in row.split("│")[2:4]] == ["–", "–"]
     assert "91 Hz (y_flex)" in " ".join(out.split())
     status, out, _ = gantrysim_command("machine", "new", TABLE, "--out", tmp_path / "own.xml")
     assert (status, (tmp_path / "own.xml").read_text()) == (0, (tmp_path / "belt-gantry.xml").read_text())

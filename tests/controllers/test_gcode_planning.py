@@ -62,9 +62,13 @@ def trapezoid(length, speed):
     [
         *(
             (code, True)
-            for code in ("M3 S9", "M5", "M7", "M8", "M9", "M64 P0", "M65 P0", "M68 E0 Q1", "M0", "M100", "S9")
+            for code in (
+                *("M3 S9", "M5", "M7", "M8", "M9", "M64 P0", "M65 P0", "M68 E0 Q1", "M0", "M100", "S9"),
+                *("G43", "G49", "G55", "G92 X20", "G92.1", "G52 X0", "G10 L2 P0 X0", "G10 L20 P1 X20"),
+            )
         ),
         *((code, False) for code in ("M62 P0", "M63 P0", "M67 E0 Q1", "M48", "S0", "(a comment)")),
+        *((code, False) for code in ("G54", "G10 L2 P2 X5", "G10 L1 P3 Z0")),
     ],
 )
 def test_the_motion_stops_for_the_codes_that_linuxcnc_carries_out_at_rest(code, stops):
@@ -77,6 +81,31 @@ def test_the_motion_stops_for_the_codes_that_linuxcnc_carries_out_at_rest(code, 
     rounded = (1 - math.cos(math.pi / 4)) / (math.sqrt(2) - 1)
     assert deviation(corner) == pytest.approx(0.0 if stops else rounded, abs=0.02)
     assert any("carry out" in note for note in corner.notes) == stops
+
+
+@pytest.mark.parametrize(
+    ("head", "stops"),
+    [("M3 S1", 1), ("$32=1\nM3 S1", 0), ("M4 S1", 0), ("$32=0\nM4 S1", 1), ("M4 S1\nG64", 1), ("$32=1\nG64\nM3 S1", 0)],
+)
+def test_grbl_in_laser_mode_changes_the_power_of_a_move_in_motion(head, stops):
+    """grbl: $32=1; M4 with S in moves is a laser's, unless the file has words that grbl lacks."""
+    straight = program(f"G21\n{head}\nF3000\nG1 X20 S9\nX60 S5", rapid=1e6)
+    assert straight.duration == pytest.approx(trapezoid(20, 50) + trapezoid(40, 50) if stops else trapezoid(60, 50))
+    assert sum("laser mode" in note for note in straight.notes) == stops
+    # S alone waits in any mode, and S0 in a move closes the valve without a stop
+    alone = program(f"{head}\nF3000\nG1 X20 S9\nS5\nX60", rapid=1e6)
+    assert alone.duration == pytest.approx(trapezoid(20, 50) + trapezoid(40, 50))
+    setpoints = program(f"{head}\nF3000\nG1 X20 S9\nX40 S0\nX60 S9", rapid=1e6).setpoints(PERIOD)
+    assert setpoints.position[~setpoints.dispense, 0].max() >= 40 - 51 * PERIOD
+    assert np.count_nonzero(setpoints.dispense[(setpoints.position[:, 0] > 21) & (setpoints.position[:, 0] < 39)]) == 0
+
+
+@pytest.mark.parametrize("dwell", ["G4 P0", "G4 P0.5"])
+def test_a_dwell_of_the_program_is_not_noted(dwell):
+    """It stops the motion, as the program asks."""
+    straight = program(f"F3000\nG1 X20\n{dwell}\nX60", rapid=1e6)
+    assert straight.duration == pytest.approx(trapezoid(20, 50) + trapezoid(40, 50) + float(dwell.split("P")[1]))
+    assert not any("carry out" in note for note in straight.notes)
 
 
 def test_glue_ends_where_the_valve_closes_before_the_way_back():

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo, simulate
-from gantrysim.exchange.gains import BESIDE, DIALECTS, THROUGH, export_gains, import_gains
+from gantrysim.exchange.gains import BESIDE, DIALECTS, THROUGH, export_gains, import_gains, read_gains
 from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import LAW_PARAMETERS
@@ -239,6 +239,17 @@ def test_fanuc_s_loop_gain_is_rounded_to_a_hundredth_and_scales_kp(xy):
     assert (after.per_axis("kd"), after.per_axis("ki")) == (servo.per_axis("kd"), servo.per_axis("ki"))
     doubled = import_gains("fanuc", "N01825 A1 P4000 A2 P1000", xy.axes, servo)
     assert doubled.gains[0].kp / servo.gains[0].kd == pytest.approx(40)
+
+
+def test_what_a_file_leaves_to_the_job_or_to_a_default_is_noted(xy, servo):
+    read, notes = read_gains("fanuc", "N01825 A1 P4000 A2 P1000", xy.axes, servo)
+    assert read.per_axis("ki") == servo.per_axis("ki")
+    kept = f"ki = {servo.gains[1].ki:g}, velocity_ff = {servo.gains[1].velocity_ff:g}, acceleration_ff = "
+    assert any(f"no parameter of fanuc, kept from the job for axis y: {kept}" in note for note in notes)
+    read, notes = read_gains("softmc", "x.KPP=40\nx.KVP=0.1\ny.KPP=40\ny.KVP=0.1\ny.KPVFR=1", xy.axes, servo)
+    assert read.gains[0].velocity_ff == -read.gains[0].kd
+    assert read.gains[1].velocity_ff == 0
+    assert notes == ["KPVFR of axis x is not given: read as 0, without velocity feed-forward"]
 
 
 def test_what_a_controller_has_no_word_for_is_refused(xy, servo):

@@ -92,6 +92,12 @@ def test_shapers_that_are_laws_become_the_servo_s(printer, tmp_path, gantrysim_c
     assert servo.per_axis("shaper_damping") == (0.05, 0.1, 0.0)
 
 
+def test_an_axis_own_shaper_goes_before_the_common_one(printer):
+    """As Klipper reads it: shaper_type is the default of shaper_type_x and shaper_type_y."""
+    config = PrinterConfig.load(printer(PRINTER + SAVED.replace("#*# shaper_type_y = zv", "#*# shaper_type = ei")))
+    assert [config.shaper(letter).kind for letter in "xy"] == ["zv", "ei"]
+
+
 @pytest.mark.parametrize(
     ("change", "modes", "said"),
     [

@@ -227,3 +227,12 @@ def test_overrides_are_not_one_text():
 def test_an_unknown_key_of_a_mapping_is_named():
     with pytest.raises(InputError, match=r"^unknown key 'program.trns'"):
         Job.load("an225", {"program.trns": 2})
+
+
+@pytest.mark.parametrize(
+    ("cell", "error"), [(2.0, "cell = 2 mm: must be at most "), (1e-3, "cell = 0.001 mm: the height map of a bead ")]
+)
+def test_cells_that_no_map_can_have_are_refused_before_the_simulation(cell, error):
+    with pytest.raises(InputError, match=f"^{error}"):
+        Job.load("softmc-arc", [f"bead.cell={cell}"]).check_fit()
+    Job.load("softmc-arc", ["bead.cell=0.2"]).check_fit()

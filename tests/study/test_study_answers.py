@@ -1,5 +1,7 @@
 """Answers of all studies from rows whose right answer is known by hand, and the one order in which they are shown."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -317,6 +319,13 @@ def test_a_circle_is_judged_by_the_tolerance():
     )
 
 
+def test_a_command_to_paste_names_the_job_of_the_folder(capsys):
+    """The answer's job.toml lies beside its page, in the study's folder; the terminal stands elsewhere."""
+    answer = circles(20.0, 120.0)
+    _say_report(answer, Path("out") / "circle")
+    assert "gantrysim improve out/circle/job.toml tries the levers." in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_failure_without_a_number_is_beyond_every_other():
     row = {**verdict(), "glue_verdict": "fail", "glue_limit_use_percent": None}
     acceptance = Acceptance.of(row)
@@ -371,7 +380,7 @@ def test_every_report_has_question_answer_chart_table_and_details_in_this_order(
     marks = ("<h1>", 'id="answer"', "<svg", 'id="table"', "<details>")
     places = [html.index(mark) for mark in marks]
     assert places == sorted(places)
-    _say_report(report)
+    _say_report(report, tmp_path)
     printed = " ".join(capsys.readouterr().out.split())
     texts = (report.question, report.answer, report.table.caption, f" {report.table.cells[0][0].split()[0]} ")
     places = [printed.rindex(" ".join(text.split())) for text in texts]

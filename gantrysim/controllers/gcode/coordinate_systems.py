@@ -121,6 +121,11 @@ class CoordinateSystems:
         place[0] = distance * c
         place[1] = distance * s
 
+    @property
+    def system_name(self) -> str:
+        """Code of the work offset in force, G54 to G59.3."""
+        return f"G{53 + self.system}" if self.system <= 6 else f"G59.{self.system - 6}"
+
     def set_offset(self, number: float, values: dict[str, float], current: bool) -> None:
         """Set a work offset, G10 L2, or so that the current position has the given coordinates, G10 L20."""
         k = int(number) or self.system

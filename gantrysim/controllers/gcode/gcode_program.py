@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,6 +157,11 @@ class GCode(Controller):
     def path_mode(self) -> float:
         """Initial tolerance of rounded corners, as the mode of `MoveTable` [mm]."""
 
+    @property
+    def laser(self) -> Literal["", "M4", "always"]:
+        """When S in a move is the power of a laser, which changes with the motion: never, with M4, or always."""
+        return ""
+
     @cached_property
     def program(self) -> Interpreted:
         """The moves of the text.
@@ -199,6 +204,7 @@ class GCode(Controller):
             firmware=self._firmware,
             flow_output=self.flow_output,
             pressure_advance=self._pressure_advance,
+            laser=self.laser,
         )
         return interpret(text, self.start, setup)
 

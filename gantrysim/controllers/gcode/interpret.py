@@ -78,6 +78,10 @@ def provided_parameter(state: ProgramState, key: float | str) -> float | None:
 _OFFSET_MOTIONS = {"G0", "G1", "G2", "G3", "G80"}
 _OFFSET_ACTIONS = {"G4", "G10", "G28.1", "G30.1"}
 _ORIGINS = {"tool length", "coordinate system", "shift", "machine coordinates"}
+# origins that LinuxCNC changes at rest, and grbl, too; of G10 those of the system in force
+_AT_REST = {"tool length", "coordinate system", "shift"}
+_SHIFTS = {"G52", "G92"}
+_AXIS_WORDS = frozenset("XYZ")
 _FAN_ON = 106
 _FAN_OFF = 107
 _FULL = 255.0  # of a fan, by M106 without S
@@ -120,7 +124,7 @@ class Interpreter:
         block.values.pop("N", None)
         if "T" in block.values:
             self._state.tools.selected = int(block.values["T"])
-        if self._halts(auxiliary, block):
+        if self._halts(auxiliary, codes, block):
             self._state.halt()
         if auxiliary or "S" in block.values:
             state = self._state
@@ -139,12 +143,24 @@ class Interpreter:
         self._apply(codes, block)
         return not block.ends
 
-    def _halts(self, auxiliary: list[int], block: WordBlock) -> bool:
+    def _halts(self, auxiliary: list[int], codes: list[str], block: WordBlock) -> bool:
         """Return whether a block waits for the moves before it: for some M codes, and for another spindle speed."""
-        codes = (self._codes.get(f"M{number}") for number in auxiliary)
-        spindle = self._state.modes.spindle
-        sets_spindle = not self._dialect.extrudes and block.values.get("S", spindle) != spindle
-        return sets_spindle or any(code is not None and code.halts for code in codes)
+        of_block = (self._codes.get(f"M{number}") for number in auxiliary)
+        if any(code is not None and code.halts for code in of_block):
+            return True
+        state = self._state
+        if self._dialect.extrudes or block.values.get("S", state.modes.spindle) == state.modes.spindle:
+            return False
+        of_move = not _AXIS_WORDS.isdisjoint(block.values) and not any(map(self._is_action, codes))
+        if of_move and (state.setup.laser == "always" or (state.setup.laser == "M4" and state.outputs.is_reverse)):
+            # the power of a laser, which grbl in laser mode changes with the motion
+            return False
+        state.power_stops += of_move
+        return True
+
+    def _is_action(self, name: str) -> bool:
+        code = self._codes.get(name)
+        return code is not None and code.kind is Kind.ACTION
 
     def _speed(self, block: WordBlock, codes: list[str], auxiliary: list[int]) -> float | None:
         """Return S where it is a speed: in firmware it is a time, a temperature or other in most blocks."""
@@ -200,6 +216,8 @@ class Interpreter:
                 self._ignore(name, code, block)
                 continue
             self._check_compensation(code)
+            if self._moves_origin(code, block):
+                state.halt()
             if code.kind is Kind.MOTION:
                 # it ends a cycle, not the motion that stands beside it
                 if moves and name == "G80":
@@ -229,6 +247,20 @@ class Interpreter:
             self._move(block)
         if block.values:
             self._ignore_words(block)
+
+    def _moves_origin(self, code: Code, block: WordBlock) -> bool:
+        """Return whether a code changes what coordinates refer to, for which LinuxCNC waits for the moves before it."""
+        if self._dialect.extrudes:
+            return False
+        frames = self._state.frames
+        match code.group, code.name:
+            case "coordinate system", name:
+                return name != frames.system_name
+            case _, "G10":
+                # L2 and L20 of the system in force
+                return block.values.get("L") in (2, 20) and block.values.get("P", 0.0) in (0, frames.system)
+            case group, name:
+                return group in _AT_REST or name in _SHIFTS
 
     def _check_compensation(self, code: Code) -> None:
         """Check that a code does not change what the path of cutter compensation refers to."""
@@ -336,6 +368,8 @@ class Interpreted:
         sets_advance: whether the program sets its pressure advance.
         filament: diameter by which E was a volume; 0 where it was a length [mm].
         lost_relative: words E that were absolute after G90, though M83 had made E relative.
+        halt_lines: lines at which the motion stops for a code that is no dwell.
+        power_stops: moves before which it stops for their S.
     """
 
     start: tuple[float, float, float]
@@ -353,6 +387,8 @@ class Interpreted:
     sets_advance: bool = False
     filament: float = 0.0
     lost_relative: int = 0
+    halt_lines: frozenset[int] = frozenset()
+    power_stops: int = 0
 
     @property
     def feeds_material(self) -> bool:
@@ -447,6 +483,8 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         sets_advance=state.extruder.sets_advance,
         filament=state.extruder.filament,
         lost_relative=state.extruder.lost,
+        halt_lines=frozenset(state.halt_lines),
+        power_stops=state.power_stops,
     )
 
 

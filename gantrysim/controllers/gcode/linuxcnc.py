@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.controllers.gcode.dialects import LINUXCNC, GCodeDialect
 from gantrysim.controllers.gcode.gcode_program import GCode, Library
 from gantrysim.controllers.gcode.interpret import Interpreted
-from gantrysim.controllers.gcode.move_table import ARC, CENTRE, DWELL, END, FEED, KIND, PLANE, PLANES, SOURCE, WORK
+from gantrysim.controllers.gcode.move_table import ARC, CENTRE, DWELL, END, KIND, PLANE, PLANES, SOURCE, WORK
 from gantrysim.controllers.valve import SAME_PLACE
 
 # What grbl, whose programs are read as LinuxCNC's, refuses of them.
@@ -23,6 +23,9 @@ _ACCEPTED = 0.005  # [mm]
 _MOST_TOLERANCE = 0.5  # [mm]
 _RELATIVE = 1e-3  # of the radius at the start
 _MOST_LINES = 3  # that a note names
+# in laser mode, where grbl changes S with the motion of its block: gcode.c, spindle speed
+_LASER_MODE = re.compile(r"^\s*\$32\s*=\s*([01])\b", re.MULTILINE)
+_LASER = ", and grbl's S in a move if a line $32=1, laser mode, begins the program"
 
 
 def refused_by_grbl(program: Interpreted) -> tuple[str, ...]:
@@ -56,8 +59,10 @@ def halts_at_work(program: Interpreted) -> tuple[str, ...]:
     places = np.concatenate([[program.start], table[:, END : END + 3]])
     level = np.abs(places[moves + 1, :2] - places[moves, :2]).max(axis=1, initial=0.0) > SAME_PLACE
     at_work = (table[moves, WORK] != 0) & (level | (table[moves, KIND] == ARC))
-    # moves at feed with a halt, but no dwell, between them
-    between = np.add.reduceat(table[:, FEED] * (table[:, KIND] == DWELL), moves) if moves.size else moves
+    # moves at feed with a halt, but no dwell of the program, between them
+    is_dwell = table[:, KIND] == DWELL
+    is_halt = is_dwell & np.isin(table[:, SOURCE], list(program.halt_lines))
+    between = np.add.reduceat(is_dwell & ~is_halt, moves, dtype=int) if moves.size else moves
     halts = at_work[:-1] & at_work[1:] & (np.diff(moves) > 1) & (between[:-1] == 0)
     if not halts.any():
         return ()
@@ -67,7 +72,8 @@ def halts_at_work(program: Interpreted) -> tuple[str, ...]:
     times = "once" if halts.sum() == 1 else f"{halts.sum()} times"
     return (
         f"Between moves at feed, the motion stops {times} for a code (line {named}): LinuxCNC and grbl carry out M3 to "
-        "M9, M64, M65, M68, G4 P0 and another S at rest; LinuxCNC's M62, M63 and M67 switch in motion.",
+        "M9, M64, M65, M68, another S, and changes of the origin (G43, G54 to G59, G92) at rest; LinuxCNC's M62, M63 "
+        f"and M67 switch in motion{_LASER if program.power_stops else ''}.",
     )
 
 
@@ -158,6 +164,14 @@ class Program(GCode):
     @property
     def path_mode(self) -> float:
         return self.corner_tolerance
+
+    @property
+    def laser(self) -> Literal["", "M4", "always"]:
+        """When S in a move is the power of a laser: in grbl's laser mode, which is `$32=1`, or goes with M4."""
+        stated = _LASER_MODE.findall(self.text)
+        if stated:
+            return "always" if stated[-1] == "1" else ""
+        return "" if _LINUXCNC_ALONE.search(self.text) else "M4"
 
     @property
     def notes(self) -> tuple[str, ...]:

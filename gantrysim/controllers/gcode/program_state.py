@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 from gantrysim.base.errors import InputError, positive
 from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems
@@ -148,6 +148,7 @@ class ProgramSetup:
         firmware: that reads the program, in a dialect that extrudes.
         pressure_advance: of the firmware's configuration [s].
         flow_output: word whose value is the set point of the flow, as `GCode.flow_output`.
+        laser: when S in a move is the power of a laser, which changes with the motion: never, with M4, or always.
     """
 
     dialect: GCodeDialect
@@ -162,6 +163,7 @@ class ProgramSetup:
     firmware: Firmware = "marlin"
     pressure_advance: float = 0.0
     flow_output: str = ""
+    laser: Literal["", "M4", "always"] = ""
 
 
 @dataclass
@@ -292,6 +294,8 @@ class ProgramState:
         limits: that the program sets.
         compensation: adds the moves, beside their paths where the program asks for it.
         tools: of the machine.
+        halt_lines: lines at which the motion stops for a code that is no dwell.
+        power_stops: moves before which it stops for their S.
     """
 
     def __init__(self, moves: MoveTable, setup: ProgramSetup) -> None:
@@ -320,6 +324,8 @@ class ProgramState:
         self.limits = LimitsInForce()
         self.compensation = CutterCompensation(moves)
         self.tools = Tools(dict(setup.diameters))
+        self.halt_lines: set[int] = set()
+        self.power_stops = 0
         self._saved: dict[int, _Saved] = {}  # by the depth of calls
         # depths at whose end the saved modes come back
         self._restored: set[int] = set()
@@ -444,6 +450,7 @@ class ProgramState:
     def halt(self) -> None:
         """Come to rest, if the program moves: what follows waits for the moves before it."""
         if len(self.moves) and self.moves.row(len(self.moves) - 1).kind != DWELL:
+            self.halt_lines.add(self.line)
             self.pause(0.0)
 
     def save_modes(self, restored: bool) -> None:

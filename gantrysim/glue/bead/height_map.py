@@ -82,15 +82,8 @@ class HeightMap:
         Raises:
             InputError: cells that are too small, so that there are too many, or too large for the bead's width.
         """
+        cls.check(bead)
         cell = bead.cell
-        width = float(bead.nominal_section.width[0])
-        if cell > _WIDEST * width > 0:
-            raise InputError(
-                f"cell = {cell:g} mm: must be at most {_WIDEST * width:.4g} mm, a third of the bead's width of "
-                f"{width:.4g} mm"
-            )
-        # before any array as long as the bead is wide
-        check_cells(bead, (np.ptp(bead.point[:, :2], axis=0) + width) / cell)
         volume = 0.5 * (bead.area[1:] + bead.area[:-1]) * bead.ds
         wet = volume.copy()
         ends = list(round_ends(bead, volume))
@@ -107,6 +100,18 @@ class HeightMap:
         if bead.dots:
             layers, covered = _with_dots(bead.dots, (x, y), layers, covered)
         return cls(x, y, layers, covered, _contact(bead, cell), max(part.ridge for part in glue), layer)
+
+    @staticmethod
+    def check(bead: BeadTrace) -> None:
+        """Raise InputError for cells that no map of a bead can have, before any array as long as the bead is wide."""
+        cell = bead.cell
+        width = float(bead.nominal_section.width[0])
+        if cell > _WIDEST * width > 0:
+            raise InputError(
+                f"cell = {cell:g} mm: must be at most {_WIDEST * width:.4g} mm, a third of the bead's width of "
+                f"{width:.4g} mm"
+            )
+        check_cells(bead, (np.ptp(bead.point[:, :2], axis=0) + width) / cell)
 
     @cached_property
     def height(self) -> Floats:

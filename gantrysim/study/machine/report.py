@@ -275,7 +275,8 @@ def _influence_table(
     ]
     caption = (
         f"Influence, with the yield of the machines above and below the median of each factor. Together the factors "
-        f"explain {100 * explained:.0f} % of the variance of the ranks."
+        f"explain {100 * explained:.0f} % of the variance of the ranks; {len(factors)} factors without influence would "
+        f"explain {100 * len(factors) / (within.size - 1):.0f} % of it on {within.size} machines."
     )
     return Table(columns, rows, caption=caption)
 
