@@ -31,6 +31,7 @@ from gantrysim.machine.motors import (
     TIME_CONSTANT,
     activation_slots,
 )
+from gantrysim.machine.physics_models import scratch_data
 from gantrysim.machine.springs import driven_joints
 from gantrysim.record.run import Run
 
@@ -97,7 +98,7 @@ def linear_machine(machine: Machine, model: mujoco.MjModel) -> Linear | None:
     """
     if not _could_be(model):
         return None
-    data = mujoco.MjData(model)
+    data = scratch_data(model)
     linear = _read(machine, model, data)
     return linear if _agrees(machine, model, data, linear) else None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import re
+import threading
 from collections.abc import Callable, Iterator
 from functools import cache
 
@@ -13,6 +14,26 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.machine.motors import set_for_steps
+
+_thread = threading.local()  # .data: a state of a model of the sizes .sizes, kept because allocating one is slow
+
+
+def scratch_data(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return a state of this thread that fits a model, reset, to be overwritten until the next call."""
+    sizes = tuple(getattr(model, name) for name in _sizes())
+    if getattr(_thread, "sizes", None) != sizes:
+        _thread.sizes = sizes
+        _thread.data = mujoco.MjData(model)
+    mujoco.mj_resetData(model, _thread.data)
+    return _thread.data
+
+
+@cache
+def _sizes() -> tuple[str, ...]:
+    """Return the names of the numbers of elements of a model."""
+    empty = mujoco.MjSpec().compile()
+    return tuple(name for name in dir(empty) if name.startswith("n") and isinstance(getattr(empty, name), int))
+
 
 # Digest of a machine's physics: what its author states, without what the engine adds and what is only drawn.
 
