@@ -16,6 +16,7 @@ from gantrysim.base.arrays import Floats, read_only_view
 from gantrysim.base.errors import InputError, short_text
 from gantrysim.engine.native.plant import MAX_DOFS, PLANT, RESISTIVE, SOURCE, STATE, WOUND, move
 from gantrysim.machine.axis import PER_SI
+from gantrysim.machine.compiling import scratch_data
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import (
     BRISTLE_DAMPING,
@@ -97,7 +98,7 @@ def linear_machine(machine: Machine, model: mujoco.MjModel) -> Linear | None:
     """
     if not _could_be(model):
         return None
-    data = mujoco.MjData(model)
+    data = scratch_data(model)
     linear = _read(machine, model, data)
     return linear if _agrees(machine, model, data, linear) else None
 

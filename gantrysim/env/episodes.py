@@ -183,7 +183,7 @@ class Source:
         plan = self._fixed or self._spiral(**spiral, **task)
         machine = self.machine
         if values:
-            machine = machine.perturbed(Tolerances.perturbation(values, machine))
+            machine = self._perturbed_machine(values)
         simulation = self._simulation(machine, plan)
         if len(simulation.position) > memory.LONG_RUN:
             raise InputError(
@@ -197,6 +197,9 @@ class Source:
             progress = assigned_progress(setpoints.requested, tip)
         drawn_values = {**plan.drawn, **values, **task}
         return Episode(simulation, plan.setpoints.requested.table, plan.look, progress, drawn_values)
+
+    def _perturbed_machine(self, values: Mapping[str, float]) -> Machine:
+        return self.machine.perturbed(Tolerances.perturbation(values, self.machine))
 
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
         return Simulation.of(

@@ -18,6 +18,7 @@ from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.axis import Axis
+from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.row import Log
 from gantrysim.servo.laws.friction import friction_torque
@@ -47,6 +48,12 @@ class Changing(Source):
     def change(self, drawn: Mapping[str, float]) -> Perturbation:
         """Return the perturbation from that moment on, relative to the machine of the episode."""
         raise NotImplementedError
+
+    def _perturbed_machine(self, values: Mapping[str, float]) -> Machine:
+        machine = super()._perturbed_machine(values)
+        # from which the changed machine is made: later, once its model is stepped, it would have to be made anew
+        _ = machine.physics
+        return machine
 
     def episode(self, drawn: Mapping[str, float]) -> Episode:
         episode = super().episode(drawn)

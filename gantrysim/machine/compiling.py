@@ -6,6 +6,7 @@ import copy
 import hashlib
 import math
 import re
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
@@ -22,6 +23,26 @@ from gantrysim.base.errors import InputError, between, unknown
 from gantrysim.base.input_files import check_regular
 from gantrysim.machine.motors import set_for_steps
 from gantrysim.machine.row import ROW_NUMBERS
+
+_thread = threading.local()  # .data: a state of a model of the sizes .sizes, kept because allocating one is slow
+
+
+def scratch_data(model: mujoco.MjModel) -> mujoco.MjData:
+    """Return a state of this thread that fits a model, reset, to be overwritten until the next call."""
+    sizes = tuple(getattr(model, name) for name in _sizes())
+    if getattr(_thread, "sizes", None) != sizes:
+        _thread.sizes = sizes
+        _thread.data = mujoco.MjData(model)
+    mujoco.mj_resetData(model, _thread.data)
+    return _thread.data
+
+
+@cache
+def _sizes() -> tuple[str, ...]:
+    """Return the names of the numbers of elements of a model."""
+    empty = mujoco.MjSpec().compile()
+    return tuple(name for name in dir(empty) if name.startswith("n") and isinstance(getattr(empty, name), int))
+
 
 # Renaming of elements of an MJCF to the names that a machine needs.
 

@@ -7,7 +7,6 @@ between simulations.
 from __future__ import annotations
 
 import copy
-import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive, unknown_text, wrong_type
 from gantrysim.machine.axis import PER_SI, VISCOUS_DIFFERENCE, Axis, facts
+from gantrysim.machine.compiling import scratch_data
 from gantrysim.machine.motors import (
     BRISTLE_DAMPING,
     BRISTLE_STIFFNESS,
@@ -36,7 +36,6 @@ from gantrysim.machine.quiet import quiet
 
 # one value for all axes, one per axis, or those of some axes by their names; these are kept as pairs
 PerAxis = float | tuple[float, ...] | Mapping[str, float] | tuple[tuple[str, float], ...]
-_thread = threading.local()  # .data: a state of .model, kept because allocating one is slow
 FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
 
 
@@ -162,7 +161,7 @@ def perturbed_model(
     if perturbation.payload:
         _add_payload(changed, perturbation.payload, nozzle, work)
         with quiet():
-            mujoco.mj_setConst(changed, _scratch(model))
+            mujoco.mj_setConst(changed, scratch_data(model))
     _offset_home(changed, perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes])
     return changed
 
@@ -216,15 +215,6 @@ def _offset_home(model: mujoco.MjModel, offset: Floats) -> None:
                 elongation = model.wrap_prm[wrap] * offset[driven.index(joint)]
                 model.tendon_lengthspring[tendon] -= elongation
                 model.tendon_length0[tendon] -= elongation
-
-
-def _scratch(model: mujoco.MjModel) -> mujoco.MjData:
-    """Return a state of this thread that fits a model and its copies, to be overwritten."""
-    if getattr(_thread, "model", None) is not model:
-        _thread.model = model
-        _thread.data = mujoco.MjData(model)
-    mujoco.mj_resetData(model, _thread.data)
-    return _thread.data
 
 
 def _add_payload(model: mujoco.MjModel, payload: float, nozzle: int, work: int) -> None:

@@ -13,7 +13,8 @@ from gantrysim.engine.drives.part import DrivenAxis, DrivePart
 
 def _drag(driven: DrivenAxis) -> dict[str, Any]:
     """Return what drags an axis at its joint."""
-    gear = float(driven.model.actuator_gear[driven.number, 0])
+    # of the layout: asking a perturbed machine for its physics costs another copy of the model
+    gear = float(driven.machine.layout.actuator_gear[driven.number, 0])
     axis = driven.axis
     # N·m·s/u at the motor to N·s/m or N·m·s/rad at the joint
     per_joint = gear * axis.scale * gear

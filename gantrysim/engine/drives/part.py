@@ -58,7 +58,7 @@ class DrivenAxis:
     @property
     def joint(self) -> int:
         """The joint that the motor turns or pushes."""
-        return int(self.model.actuator_trnid[self.number, 0])
+        return int(self.machine.layout.actuator_trnid[self.number, 0])
 
     @property
     def load(self) -> int:
