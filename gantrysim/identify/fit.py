@@ -113,6 +113,13 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
         best = _with_another_mode(error, best, without_mode, (_HELD if log.held else _SAMPLED) / log.period)
     if nominal.share and error.correlation(best) > WHITE:
         best = _with_gap(error, best, replace(without_mode, deflection=nominal.deflection))
+    prediction = error.prediction(best.model, best.noise)
+    revised = _revised_law(nominal, log, error, best, prediction.directions)
+    if _kinds(revised) != _kinds(law):
+        error = replace(error, course=Course(revised.level, revised.ripple))
+        best = refined_minimum(error, best.model, best.noise, best.names)
+        prediction = error.prediction(best.model, best.noise)
+    law = revised
     model, estimates = _with_law(best, law)
     return AxisFit(
         axis=log.axis,
@@ -123,7 +130,8 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
         noise=best.noise,
         expected=error.size,
         used=error.used,
-        innovations=error.innovations(best.model, best.noise),
+        innovations=prediction.innovations,
+        directions=prediction.directions,
         start=(inertia, viscous, coulomb),
         highest=(_HELD if log.held else _SAMPLED) / log.period,
         position=error.position,
@@ -135,6 +143,24 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
         predicted=best.model,
         law=law,
     )
+
+
+def _revised_law(
+    nominal: AxisModel, log: AxisLog, error: PredictionError, best: Minimum, directions: Floats
+) -> FrictionLaw:
+    """Return the friction of a log with the delay of a fit and the directions that it predicts.
+
+    A loop that swings turns the axis between two samples. Positions alone do not show when; taken for steps of one
+    direction they bent Coulomb friction of one in eight simulated axes by 4 to 20 %, without noise.
+    """
+    late = replace(nominal, delay=best.model.delay)
+    sliding = TorqueRegression.of(late, log.period, error.position, error.torque, log.held, error.starts)
+    sliding = sliding.with_directions(directions)
+    return friction_law(sliding, error.used, nominal.scale * nominal.stribeck, log.unit)
+
+
+def _kinds(law: FrictionLaw) -> set[str]:
+    return {term.kind for term in law.terms}
 
 
 def _with_law(best: Minimum, law: FrictionLaw) -> tuple[AxisModel, dict[str, Estimate]]:

@@ -42,8 +42,9 @@ class Motion(NamedTuple):
         position: [u].
         speed: by central differences [u/s].
         calm: the same, smoothed over a millisecond: counts of the encoder are coarse on slow moves [u/s].
-        direction: of the last motion, 1 or -1.
+        direction: mean sign of the speed from the sample before to the one behind, from -1 to 1.
         torque: of the motor [N·m].
+        braking: mean over the same time of the torque's size times the sign of the speed [N·m].
     """
 
     position: Floats
@@ -51,6 +52,7 @@ class Motion(NamedTuple):
     calm: Floats
     direction: Floats
     torque: Floats
+    braking: Floats
 
 
 class Term(NamedTuple):
@@ -81,6 +83,9 @@ class Term(NamedTuple):
         """Return the torques against the motion that the term's coefficients multiply."""
         if self.kind in OWN:
             return self.levels(motion)
+        if self.kind == LOAD:
+            # where a swinging loop turns the torque from sample to sample, its mean has not the mean size
+            return [motion.braking]
         return [motion.direction * level for level in self.levels(motion)]
 
     def words(self, coefficients: Floats, covariance: Floats, coulomb: float, fastest: float, unit: str) -> str:

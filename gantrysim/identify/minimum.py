@@ -14,7 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.identify.friction_terms import CONFIDENCE
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import WHOLE, Starts
-from gantrysim.identify.prediction import Course, Samples, innovations
+from gantrysim.identify.prediction import Course, Prediction, Samples, prediction
 from gantrysim.identify.result import MODE, PARAMETERS, SYSTEMATIC, Estimate, Sensitivity
 from gantrysim.identify.whiteness import correlation, covariance_of
 
@@ -57,10 +57,10 @@ class PredictionError:
     speeds: tuple[float, ...] = (0.0,)
     first: int = 0
 
-    def innovations(self, model: AxisModel, noise: float) -> Floats:
-        """Return the innovations of all samples, (n,) [u]."""
+    def prediction(self, model: AxisModel, noise: float) -> Prediction:
+        """Return the prediction of all samples."""
         samples = Samples(self.period, self.position, self.torque, self.held, self.course, self.starts, self.speeds)
-        return innovations(model, noise / self.size, samples)
+        return prediction(model, noise / self.size, samples)
 
     def residual(self, model: AxisModel, noise: float) -> Floats:
         """Return the innovations of the samples in motion over the position noise, (k,).
@@ -70,7 +70,7 @@ class PredictionError:
             noise: standard deviation of the torque noise [N·m].
         """
         self.progress()
-        residual = self.innovations(model, noise)[self.used] / self.size
+        residual = self.prediction(model, noise).innovations[self.used] / self.size
         return np.clip(np.nan_to_num(residual, nan=_DIVERGED), -_DIVERGED, _DIVERGED)
 
     def cost(self, model: AxisModel, noise: float) -> float:

@@ -29,6 +29,12 @@ def gradient(values: Floats, period: float, starts: Starts) -> Floats:
     return by_piece(lambda piece: np.gradient(piece, period), values, starts)
 
 
+def around(after: Floats, starts: Starts) -> Floats:
+    """Return means over the steps before and behind each sample, (n,), of means over those behind."""
+    before = by_piece(lambda piece: np.concatenate([piece[:1], piece[:-1]]), after, starts)
+    return 0.5 * (before + after)
+
+
 def inside(size: int, starts: Starts, margin: int) -> NDArray[np.bool_]:
     """Return whether a sample is so many samples from both ends of its piece, (size,) bool."""
     mask = np.zeros(size, bool)

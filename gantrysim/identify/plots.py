@@ -114,6 +114,7 @@ class Course:
         model = fit.model
         width = WIDTH / log.period
         sliding = TorqueRegression.of(model, log.period, fit.position, fit.torque, fit.held, fit.starts)
+        sliding = sliding.with_directions(fit.directions)
         motion = sliding.motion
         speed = smoothed(motion.speed, width, fit.starts)
         inert = model.inertia * gradient(speed, log.period, fit.starts)

@@ -108,6 +108,18 @@ class Record(NamedTuple):
     speeds: Floats
 
 
+class Prediction(NamedTuple):
+    """Prediction of a log by a model.
+
+    Attributes:
+        innovations: differences between the measured positions and their prediction from all samples before, (n,) [u].
+        directions: mean sign of the motor's speed from each sample to the next, (n,), from -1 to 1.
+    """
+
+    innovations: Floats
+    directions: Floats
+
+
 class Samples(NamedTuple):
     """The samples of a log.
 
@@ -137,8 +149,8 @@ def first_speed(piece: Floats, period: float) -> float:
     return float(course.deriv()(0.0)) / period
 
 
-def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
-    """Return the differences between the measured positions and their prediction from all samples before, (n,) [u].
+def prediction(model: AxisModel, noise: float, samples: Samples) -> Prediction:
+    """Return the prediction of each sample of a log from all samples before.
 
     Args:
         model: parameters of the axis.
@@ -171,7 +183,12 @@ def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
         level = course.level
     spring = Spring(model.stiffness, 0.0 if model.filled else model.damping, model.gap)
     record = Record(position, means, level, np.array(samples.starts, np.int64), np.array(samples.speeds))
-    return _predict(record, predictor, friction, spring)
+    return Prediction(*_predict(record, predictor, friction, spring))
+
+
+def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
+    """Return the innovations of a prediction, (n,) [u]."""
+    return prediction(model, noise, samples).innovations
 
 
 def error_variance(model: AxisModel, noise: float, period: float) -> float:
@@ -230,8 +247,8 @@ def _lagged_means(means: Floats, decay: float, steps: float) -> Floats:
 
 
 @jit
-def _predict(record: Record, predictor: Predictor, friction: Friction, spring: Spring) -> Floats:
-    """Return the innovations, (n,) [u].
+def _predict(record: Record, predictor: Predictor, friction: Friction, spring: Spring) -> tuple[Floats, Floats]:
+    """Return the innovations and the mean directions, as in `Prediction`, (n,) each.
 
     Bristles and linear motion take turns, the bristles half a step ahead.
 
@@ -248,6 +265,7 @@ def _predict(record: Record, predictor: Predictor, friction: Friction, spring: S
     half = 0.5 * spring.gap
     n = F.shape[0]
     out = np.empty(position.size)
+    directions = np.zeros(position.size)
     x = np.zeros(n)
     y = np.zeros(n)
     free_motion = np.zeros(n)
@@ -272,6 +290,7 @@ def _predict(record: Record, predictor: Predictor, friction: Friction, spring: S
             x[i] += correction[i] * error
         z = min(max(z + correction[0] * error / scale, -most), most)
         for j in range(torque.shape[1]):
+            speed = x[1]
             w = x[1] / scale
             end, rate = _bristles(w, coulomb, excess, stribeck, bristles)
             # from the middle of the last step to that of this one
@@ -295,7 +314,15 @@ def _predict(record: Record, predictor: Predictor, friction: Friction, spring: S
             force = torque[tick, j] - bristles * (z + bristle_time * (w - rate * z))
             for i in range(n):
                 x[i] = free_motion[i] + G[i, 0] * force + G[i, 1] * back
-    return out
+            directions[tick] += _mean_sign(speed, x[1]) / torque.shape[1]
+    return out, directions
+
+
+@jit
+def _mean_sign(first: float, last: float) -> float:
+    """Return the mean sign of a speed that changes evenly from a first to a last value."""
+    # of one sign the sum is the larger, of two the difference
+    return (first + last) / max(abs(first + last), abs(last - first), 1e-300)
 
 
 @jit

@@ -142,6 +142,7 @@ class AxisFit:
         expected: standard deviation of the position noise that the encoder's counts explain [u].
         used: whether a sample is in motion, (n,) bool.
         innovations: of all samples, (n,) [u].
+        directions: mean sign of the predicted speed from each sample to the next, (n,).
         start: inertia, viscous and Coulomb friction of the linear regression.
         highest: frequency up to which the log shows a mode [Hz].
         position: fitted part of the log, its moves, (n,) [u].
@@ -163,6 +164,7 @@ class AxisFit:
     expected: float
     used: NDArray[np.bool_]
     innovations: Floats
+    directions: Floats
     start: tuple[float, float, float]
     highest: float
     position: Floats

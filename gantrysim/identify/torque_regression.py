@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.friction_terms import Motion, Term
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.pieces import WHOLE, Starts, by_piece, gradient, inside, smoothed
+from gantrysim.identify.pieces import WHOLE, Starts, around, by_piece, gradient, inside, smoothed
 from gantrysim.identify.prediction import effective_torque
 
 WIDTH = 0.006  # standard deviation of the low-pass [s]
@@ -65,12 +65,14 @@ class TorqueRegression:
         period: of the samples [s].
         motion: at each sample, (n,).
         slides: whether a sample counts, (n,) bool.
+        after: mean torque from each sample to the next, (n,) [N·m].
         starts: of the log's pieces.
     """
 
     period: float
     motion: Motion
     slides: NDArray[np.bool_]
+    after: Floats
     starts: Starts = WHOLE
 
     @classmethod
@@ -97,14 +99,15 @@ class TorqueRegression:
         # a constant torque is found by the regression
         late = replace(model, offset=0.0)
         after = by_piece(lambda piece: effective_torque(late, period, piece, _STEPS, held).mean(axis=1), torque, starts)
-        before = by_piece(lambda piece: np.concatenate([piece[:1], piece[:-1]]), after, starts)
+        directions = by_piece(_direction, position, starts)
         speed = gradient(position, period, starts)
         motion = Motion(
             position=position,
             speed=speed,
             calm=smoothed(speed, max(_CALM / period, 0.5), starts),
-            direction=by_piece(_direction, position, starts),
-            torque=0.5 * (before + after),
+            direction=around(directions, starts),
+            torque=around(after, starts),
+            braking=around(np.abs(after) * directions, starts),
         )
         slow = np.abs(smoothed(speed, width, starts))
         slides = (
@@ -112,7 +115,17 @@ class TorqueRegression:
         )
         # where the filter reaches beyond the log
         slides &= inside(position.size, starts, round(4 * width))
-        return cls(period, motion, slides, starts)
+        return cls(period, motion, slides, after, starts)
+
+    def with_directions(self, directions: Floats) -> TorqueRegression:
+        """Return the regression with other directions of the motion.
+
+        Args:
+            directions: mean sign of the speed from each sample to the next, (n,).
+        """
+        braking = np.abs(self.after) * directions
+        motion = self.motion._replace(direction=around(directions, self.starts), braking=around(braking, self.starts))
+        return replace(self, motion=motion)
 
     def low_passed(self, values: Floats) -> Floats:
         """Return values at all samples low-passed, where the axis slides, (k,)."""
@@ -163,7 +176,10 @@ class TorqueRegression:
 
 
 def _direction(position: Floats) -> Floats:
-    """Return the sign of the last step that is not zero, (n,); counts of the encoder stand still on slow moves."""
-    steps = np.diff(position, prepend=position[0])
+    """Return the sign of the step from each sample to the next, (n,), or of the last one that is not zero.
+
+    Counts of the encoder stand still on slow moves.
+    """
+    steps = np.diff(position, append=position[-1])
     last = np.maximum.accumulate(np.where(steps != 0, np.arange(steps.size), 0))
     return np.asarray(np.sign(steps[last]))

@@ -427,11 +427,12 @@ def test_terms_of_friction_are_their_formulas():
         calm=np.array([2.0, -4.0, 0.0, 1.0]),
         direction=np.array([1.0, -1.0, 1.0, -1.0]),
         torque=np.array([0.2, -0.3, -0.1, 0.4]),
+        braking=np.array([0.2, -0.4, 0.1, -0.4]),
     )
     quarter = ([0, 1, 0, -1], [1, 0, -1, 0])  # sine and cosine over 10 mm
     expected = {
         Term(SQUARE): [[9, -16, 0.25, 0]],
-        Term(LOAD): [[0.2, -0.3, 0.1, -0.4]],
+        Term(LOAD): [[0.2, -0.4, 0.1, -0.4]],
         Term(STRIBECK, 2.0): [[math.exp(-1), -math.exp(-2), 1, -math.exp(-0.5)]],
         Term(POSITION, 10.0): [[0, -1, 0, 1], [1, 0, -1, 0]],
         Term(COGGING, 10.0): quarter,

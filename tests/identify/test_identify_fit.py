@@ -21,9 +21,11 @@ from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
 from gantrysim.identify.plan import excitation
-from gantrysim.identify.prediction import Samples, innovations
+from gantrysim.identify.prediction import Samples, innovations, prediction
 from gantrysim.identify.regression import regression
 from gantrysim.identify.small import kalman_gain, sampled_system
+from gantrysim.identify.torque_regression import NAMES as NAMES_OF_COLUMNS
+from gantrysim.identify.torque_regression import TorqueRegression
 from gantrysim.identify.whole_run import fitted_machine, write_machine
 from gantrysim.machine.motors import BRISTLE_STIFFNESS
 from gantrysim.machine.perturbation import Perturbation
@@ -36,6 +38,7 @@ DELAY = 2.5e-4
 NOISE = 2e-3  # of the logged torque [N·m]
 
 MODEL = model_of(Machine("xy"), 1)
+RIGID = replace(MODEL, share=0.0, viscous=0.0, coulomb=0.0, excess=0.0, offset=0.0, lag=0.0)
 
 # published in docs/identification.md: largest errors of an identified value
 NAMES = ("inertia", "viscous", "coulomb", "static", "share", "stiffness", "damping", "delay")
@@ -163,6 +166,47 @@ def test_a_motion_of_the_model_leaves_no_residual(machine):
     assert np.abs(residual).max() < 1e-4
     late = innovations(replace(model, delay=5e-4), 1e-3, samples)
     assert np.abs(late).max() > 10 * np.abs(residual).max()
+
+
+def turning_axis():
+    """A rigid axis whose torque alternates from sample to sample while its mean speed rises and falls.
+
+    Returns position, torque, and the mean sign of the speed from each sample to the next, in closed form.
+    """
+    swing = 10.0  # of the speed within a sample [u/s]
+    # the speed's mean in a sample passes zero slowly, so that the axis turns in many samples
+    means = 12.0 * np.sin(2 * np.pi * np.arange(400) / 400)
+    ends = means[:-1] + 0.5 * swing * (-1.0) ** np.arange(399)
+    first, last = ends[:-1], ends[1:]
+    position = np.concatenate([[0.0], np.cumsum(0.5 * PERIOD * (first + last))])
+    torque = RIGID.inertia * (last - first) / PERIOD
+    crossing = first * last < 0
+    signs = np.where(crossing, (first + last) / np.abs(last - first), np.sign(first + last))
+    return position, np.append(torque, 0.0), signs, float(first[0])
+
+
+def test_directions_are_those_between_samples():
+    """Of a loop that swings from sample to sample the sign of a step is not the mean sign of the speed in it."""
+    position, torque, signs, speed = turning_axis()
+    samples = Samples(PERIOD, position, torque, held=True, speeds=(speed,))
+    predicted = prediction(RIGID, 1e-3, samples)
+    # the predictor's least friction is 1e-9 N·m
+    assert np.abs(predicted.innovations).max() < 1e-6
+    assert predicted.directions[:-1] == pytest.approx(signs, abs=1e-3)
+    # what the positions alone say
+    assert np.abs(np.sign(np.diff(position)) - signs).max() > 0.5
+
+
+def test_coulomb_friction_of_a_swinging_axis_is_found_by_the_directions_between_samples():
+    """Its torque in steady motion is what friction of the mean sign takes; by the signs of steps it is another."""
+    position, torque, signs, _ = turning_axis()
+    position, torque, signs = (np.tile(values, 5) for values in (position[:-1], torque[:-1], signs))
+    friction = 0.02
+    regression = TorqueRegression.of(RIGID, PERIOD, position, torque + friction * signs, held=True)
+    coulomb = NAMES_OF_COLUMNS.index("coulomb")
+    found = regression.with_directions(signs).solved(()).values[coulomb]
+    assert found == pytest.approx(friction, rel=0.01)
+    assert abs(regression.solved(()).values[coulomb] / friction - 1) > 0.05
 
 
 @pytest.mark.parametrize("filled", [False, True])

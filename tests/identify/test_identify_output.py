@@ -44,6 +44,7 @@ def fit_of(axis="y", unit="mm", highest=500.0, residual=None, words=(), **change
         expected=COUNT / math.sqrt(12),
         used=np.ones(residual.size, bool),
         innovations=residual,
+        directions=np.ones(residual.size),
         start=(model.inertia, 0.0, 0.0),
         highest=highest,
         position=np.arange(float(residual.size)),

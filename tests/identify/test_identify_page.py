@@ -57,6 +57,7 @@ def fit_of(first=0, starts=(0,)):
         expected=1e-3 / math.sqrt(12),
         used=np.arange(N - first) >= 100,
         innovations=noise,
+        directions=np.sign(np.diff(POSITION[first:], append=POSITION[-1])),
         start=(MODEL.inertia, 0.0, 0.0),
         highest=100.0,
         position=POSITION[first:],

@@ -14,7 +14,7 @@ from gantrysim.identify.checks.finding import FRICTION, VISCOUS, Doubt, Finding
 from gantrysim.identify.friction_terms import CONFIDENCE
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.parts import partitions
-from gantrysim.identify.pieces import Starts, by_piece, gradient, inside, smoothed
+from gantrysim.identify.pieces import Starts, around, by_piece, gradient, inside, smoothed
 from gantrysim.identify.prediction import effective_torque
 from gantrysim.identify.result import MODE, AxisFit, Estimate, Sensitivity
 from gantrysim.identify.sizes import change_words, times_words
@@ -89,7 +89,7 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
     acceleration = by_piece(_second_difference, fit.position, starts) / period**2
     speed = gradient(fit.position, period, starts)
     slow = smoothed(speed, width, starts)
-    direction = by_piece(_direction, speed, starts)
+    direction = around(fit.directions, starts)
     friction = model.viscous * speed + (model.coulomb + fit.law.level) * direction + fit.law.ripple
     smooth = _of_both_masses(model, smoothed(acceleration, width, starts), period, starts)
     remains = smoothed(torque - friction, width, starts) - model.inertia * smooth
@@ -132,12 +132,6 @@ def _torque(fit: AxisFit, period: float) -> Floats:
 def _second_difference(position: Floats) -> Floats:
     """Return the second difference around each sample, at the ends its neighbour's, (n,)."""
     return np.pad(np.diff(position, 2), 1, "edge")
-
-
-def _direction(speed: Floats) -> Floats:
-    """Return the sign of the last speed that is not zero; counts of the encoder stand still on slow moves."""
-    last = np.maximum.accumulate(np.where(speed != 0, np.arange(speed.size), 0))
-    return np.asarray(np.sign(speed[last]))
 
 
 def _of_both_masses(model: AxisModel, acceleration: Floats, period: float, starts: Starts) -> Floats:
