@@ -11,7 +11,9 @@ from gantrysim.remedy.by_place_files import write_by_place
 from gantrysim.remedy.improvement import Improvement
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.results.checks import PASS, Row
+from gantrysim.results.glue import ploughing_reason
 from gantrysim.results.score import row_burden
+from gantrysim.results.verdict import GLUE, PATH
 
 PAGE = Path(__file__).parent.parent / "docs" / "improve.md"
 PLACE = "(<!-- {} written by scripts/improve_page.py -->\n).*?(<!-- end -->)"
@@ -80,14 +82,17 @@ def path_causes(job: gs.Job) -> str:
     return f"{', '.join(shares)} of {1e3 * rms:.0f} µm rms"
 
 
+def cause_of(result: Improvement, row: Row) -> str:
+    """Return what spoils a row that does not pass."""
+    if row.name == PATH:
+        return path_causes(result.base)
+    ploughed = ploughing_reason(row) if row.name == GLUE else ""
+    return f"the program link: {ploughed}" if ploughed else bound_of(result.base, row.name)
+
+
 def caused_by(result: Improvement) -> str:
     """Return what spoils the rows that do not pass, in a phrase for each."""
-    phrases = []
-    for row in result.verdict.rows:
-        if row_burden(row):
-            cause = path_causes(result.base) if row.name == "path" else bound_of(result.base, row.name)
-            phrases.append(f"{row.name}: {cause}")
-    return "; ".join(phrases)
+    return "; ".join(f"{row.name}: {cause_of(result, row)}" for row in result.verdict.rows if row_burden(row))
 
 
 def by_place_time(result: Improvement) -> str:
