@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from gantrysim.base.errors import InputError, check_type
@@ -111,6 +111,28 @@ def stepped_simulation(
     with shown_progress("simulate", progress) as advance:
         (started,) = run([simulation]) if law is not None else run_and_learn([simulation], run)
     return started
+
+
+def records_in_parts(simulation: Simulation, shares: Sequence[float]) -> Iterator[Run]:
+    """Yield the record of a run of the compiled loop after some shares of its setpoints, and the complete one.
+
+    What is not asked for is not simulated.
+
+    Args:
+        simulation: that the compiled loop can step, and that learns nothing from a complete run.
+        shares: of the setpoints, ascending, above 0 and below 1.
+    """
+    places = LoopPlaces(simulation.machine, 1, 1)
+    places.load({0: simulation})
+    run = places.runs[0]
+    for share in shares:
+        steps = int(share * len(simulation.position)) * simulation.substeps - run.steps
+        places.advance(steps=steps)
+        if run.done:
+            break
+        yield run.record(partial=True)
+    places.advance()
+    yield run.record()
 
 
 def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispenser | None = None) -> Run:

@@ -63,7 +63,7 @@ class Job(LoadedJob):
         servo = self.built_servo
         notes = (*self._choice, *self.controller.notes, *machine_notes(self.built_machine, self.margins, servo))
         if self.simulation.engine == "loop":
-            hindrance = self._simulation().hindrance
+            hindrance = self.prepared_simulation().hindrance
             by = "the compiled loop makes the physics steps" if hindrance is None else f"MuJoCo makes them: {hindrance}"
             notes = (*notes, f'simulation.engine = "loop": {by}')
         if self.controller.feeds_material:
@@ -154,8 +154,7 @@ class Job(LoadedJob):
             InputError: a servo that is unstable on the job's machine, unless `simulation.allow_unstable`; and as
                 `simulate`.
         """
-        if not self.simulation.allow_unstable:
-            check_stability(self.built_machine, self.built_servo, self.margins, self.servo, self._margins_at)
+        self.check_loops()
         with self.locate_errors():
             record = simulate(
                 self.built_machine if machine is None else machine,
@@ -171,6 +170,11 @@ class Job(LoadedJob):
             # they fill the memory, and are computed again on demand
             self.__dict__.pop("setpoints", None)
         return record.replaced(job=self, rig=None)
+
+    def check_loops(self) -> None:
+        """Raise InputError for a servo that is unstable on the job's machine, unless `simulation.allow_unstable`."""
+        if not self.simulation.allow_unstable:
+            check_stability(self.built_machine, self.built_servo, self.margins, self.servo, self._margins_at)
 
     def limits(self, needle: float, width: float = math.nan) -> Tolerance:
         """Return the limits that a good run of the job keeps.
@@ -210,9 +214,14 @@ class Job(LoadedJob):
     def check_faults(self) -> None:
         """Raise InputError for deliberate faults that the machine cannot have, or that begin after its end."""
         if self.faults:
-            self._simulation()
+            self.prepared_simulation()
 
-    def _simulation(self) -> Simulation:
+    def prepared_simulation(self) -> Simulation:
+        """Return the simulation of the job's run before its first step.
+
+        Raises:
+            InputError: as `simulate`.
+        """
         return Simulation.of(
             self.built_machine,
             self.built_servo,

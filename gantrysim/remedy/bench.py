@@ -16,7 +16,7 @@ from gantrysim.engine.linear import difference_note
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.remedy.outcome import Motion, Outcome, measured_together, motion_key, searched_motion, time_before_glue
+from gantrysim.remedy.outcome import Motion, Outcome, judged_motion, measured_together, motion_key, time_before_glue
 
 # What was computed of runs, kept as long as there is room for it.
 
@@ -146,7 +146,7 @@ class Bench:
     def add(self, job: Job, budget: Budget) -> None:
         """Add a job that has run, with the error budget of its record."""
         run = budget.analysis.run
-        motion = Motion(job, run, budget if run.fault is None else None)
+        motion = Motion(job, run, budget if run.fault is None else None, is_shown=True)
         self._keep_motion(self.motion_key(job), motion)
         self._keep({job.toml(): motion.outcome(job)})
 
@@ -209,10 +209,10 @@ class Bench:
         self._tell()
         earlier = list(map(self._motions.get, missing))
         with self._mapping(len(missing)) as mapped:
-            for key, motion in zip(missing, mapped(searched_motion, missing.values(), earlier), strict=True):
-                fails[key] = motion is not None and motion.fails
-                if motion is not None:
-                    self._keep_motion(key, motion)
+            for key, judged in zip(missing, mapped(judged_motion, missing.values(), earlier), strict=True):
+                fails[key] = judged.fails
+                if judged.motion is not None:
+                    self._keep_motion(key, judged.motion)
                 self.task.done += 1
                 self._tell()
         return [fails[key] for key in keys]

@@ -262,9 +262,14 @@ def _with_one_less(combinations: Combinations, picks: Sequence[Pick]) -> list[Pi
 # The fewest levers that pass, of those of a combination that passes.
 #
 # The greedy search adds one lever after the other, so that a later one may make up for the setting of an earlier one.
-# Where the levers of its combination have few settings together, all of them are tried in smaller numbers.
+# Where the levers of its combination have few settings together, all of them are tried in smaller numbers: first those
+# that move the machine otherwise, as a motion that fails does so with every glue.
 
 MOST_MOTIONS = 64  # that are simulated for a number of levers
+
+# keys of a job that the motion does not depend on, but for the start lead, which may hold the program back
+_OF_GLUE = ("dispenser.", "bead.")
+_OF_MOTION = ("dispenser.start_lead", "dispenser.needle")
 
 
 def fewest_levers(
@@ -288,24 +293,21 @@ def fewest_levers(
         return list(picks)
     levers = [pick.lever for pick in picks]
     for count in range(1, len(levers) + 1):
-        candidates = [
-            candidate
-            for chosen in subsets(levers, count)
-            if combinations.act_on_all(chosen)
-            for candidate in _candidates(combinations, (), chosen)
-        ]
-        motions: dict[str, list[Candidate]] = {}
-        for candidate in candidates:
-            motions.setdefault(motion_of(candidate.job), []).append(candidate)
+        choices = filter(combinations.act_on_all, subsets(levers, count))
+        several = [_Chosen(combinations, chosen) for chosen in choices]
+        motions: dict[str, list[tuple[_Chosen, Candidate]]] = {}
+        for chosen in several:
+            for candidate in chosen.moved():
+                motions.setdefault(motion_of(candidate.job), []).append((chosen, candidate))
+            if len(motions) > MOST_MOTIONS:
+                break
         if len(motions) > MOST_MOTIONS:
             continue
-        fails = motions_fail([group[0].job for group in motions.values()])
-        possible = [
-            candidate
-            for group, is_failing in zip(motions.values(), fails, strict=True)
-            if not is_failing
-            for candidate in group
-        ]
+        fails = motions_fail([group[0][1].job for group in motions.values()])
+        for group, is_failing in zip(motions.values(), fails, strict=True):
+            for chosen, candidate in group if not is_failing else ():
+                chosen.admit(candidate)
+        possible = [candidate for chosen in several for candidate in chosen.candidates()]
         outcomes = combinations.measure_all([candidate.job for candidate in possible])
         passing = [
             (rank(outcome), k)
@@ -317,13 +319,62 @@ def fewest_levers(
     return list(picks)
 
 
-def _candidates(combinations: Combinations, picks: tuple[Pick, ...], levers: Sequence[Lever]) -> Iterator[Candidate]:
-    """Yield a combination with further levers, each at every setting."""
-    if not levers:
-        yield Candidate(picks, combinations.state_of(picks).job)
-        return
-    for pick in _settings(combinations, picks, levers[0]):
-        yield from _candidates(combinations, (*picks, pick), levers[1:])
+class _Chosen:
+    """Levers of which all settings are tried together.
+
+    Args:
+        combinations: of the job.
+        levers: in their order.
+    """
+
+    def __init__(self, combinations: Combinations, levers: Sequence[Lever]) -> None:
+        self._combinations = combinations
+        self._levers = levers
+        keys = {lever.name: _keys_of(combinations.state_of([]), lever) for lever in levers}
+        # where a lever sets the start lead, the glue of another may decide for how long
+        is_mixed = any(key in _OF_MOTION for changed in keys.values() for key in changed)
+        self._moving = [lever for lever in levers if is_mixed or not _is_of_glue(keys[lever.name])]
+        self._names = {lever.name for lever in self._moving}
+        # settings of the moving levers whose motion does not fail, and all that these begin with
+        self._admitted: set[tuple[str, ...]] = set()
+
+    def moved(self) -> Iterator[Candidate]:
+        """Yield the levers that move the machine otherwise, at every setting: the others do not change the motion."""
+        return self._with(self._moving, (), is_admitted=lambda picks: True)
+
+    def admit(self, candidate: Candidate) -> None:
+        """Admit one of `moved`."""
+        labels = self._labels(candidate.picks)
+        self._admitted |= {labels[:k] for k in range(len(labels) + 1)}
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Yield the levers at every setting whose motion is admitted."""
+        return self._with(self._levers, (), is_admitted=lambda picks: self._labels(picks) in self._admitted)
+
+    def _labels(self, picks: Sequence[Pick]) -> tuple[str, ...]:
+        return tuple(pick.setting for pick in picks if pick.lever.name in self._names)
+
+    def _with(
+        self, levers: Sequence[Lever], picks: tuple[Pick, ...], is_admitted: Callable[[Sequence[Pick]], bool]
+    ) -> Iterator[Candidate]:
+        """Yield a combination with further levers, each at every setting."""
+        if not is_admitted(picks):
+            return
+        if not levers:
+            yield Candidate(picks, self._combinations.state_of(picks).job)
+            return
+        for pick in _settings(self._combinations, picks, levers[0]):
+            yield from self._with(levers[1:], (*picks, pick), is_admitted)
+
+
+def _keys_of(state: State, lever: Lever) -> set[str]:
+    """Return the keys of a job that the settings of a lever change; empty where it has none there."""
+    settings = lever.settings(state)
+    return set() if isinstance(settings, str) else {key for setting in settings for key in setting.changes}
+
+
+def _is_of_glue(keys: set[str]) -> bool:
+    return bool(keys) and all(key.startswith(_OF_GLUE) for key in keys)
 
 
 def _settings(combinations: Combinations, picks: tuple[Pick, ...], lever: Lever) -> list[Pick]:

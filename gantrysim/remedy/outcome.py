@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from gantrysim.base.errors import GantryError
+from gantrysim.base import memory
+from gantrysim.base.errors import GantryError, InputError
 from gantrysim.engine.linear import Engine
 from gantrysim.engine.recording import dispensed_otherwise
+from gantrysim.engine.simulate import records_in_parts
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
@@ -20,6 +22,10 @@ from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.score import burden_of, row_burden
 from gantrysim.results.verdict import Verdict, motion_rows
+
+# Shares of a run after which its path is judged, where it is only asked whether the run fails: most runs that fail are
+# off their path early.
+_PARTS = (0.08, 0.25, 0.6)
 
 _OF_MOTION = ("built_servo", "margins", "setpoints", "start_wait")  # of a job, computed for its run
 
@@ -117,11 +123,14 @@ class Motion:
         job: that ran.
         run: its record.
         budget: of the record; None where the run ended in a fault.
+        is_shown: whether its verdict is shown, not only compared with others: then its errors are checked against one
+            another, see `gantrysim.metrics.budget`, which takes as long as all else.
     """
 
     job: Job
     run: Run
     budget: Budget | None
+    is_shown: bool = False
 
     @classmethod
     def of(cls, job: Job, engine: Engine | None = None) -> Motion:
@@ -129,13 +138,18 @@ class Motion:
 
         Args:
             job: the job.
-            engine: as in `simulate`, by default that of searches.
+            engine: as in `simulate`, for a run that is shown; by default that of searches.
 
         Raises:
             GantryError: the job is refused.
         """
         run = job.run(engine=engine or job.engine_of_searches)
-        return cls(job, run, Budget(Analysis(run)) if run.fault is None else None)
+        return cls.with_record(job, run, is_shown=engine is not None)
+
+    @classmethod
+    def with_record(cls, job: Job, run: Run, *, is_shown: bool = False) -> Motion:
+        """Return the motion of a job from its record."""
+        return cls(job, run, Budget(Analysis(run)) if run.fault is None else None, is_shown)
 
     @cached_property
     def fails(self) -> bool:
@@ -162,7 +176,7 @@ class Motion:
         bead = Bead(run, job.bead, self.budget.analysis)
         is_laid = bead.nominal > 0 and bead.total_volume > 0
         return Outcome(
-            Verdict.of_results(job, self.budget, bead),
+            Verdict.of_results(job, self.budget, bead, is_checked=self.is_shown),
             float(run.time[-1]),
             nominal=max(float(bead.nominal), 0.0),
             missing=float(bead.missing_at_starts.mean()) if is_laid else 0.0,
@@ -173,15 +187,55 @@ class Motion:
         )
 
 
-def searched_motion(job: Job, motion: Motion | None = None) -> Motion | None:
-    """Return the motion of a job, simulated if it is not known, and judged; None for a job that is refused."""
+class Judged(NamedTuple):
+    """Whether a motion fails whatever the glue.
+
+    Attributes:
+        fails: see `Motion.fails`; False for a job that is refused.
+        motion: the motion; None where it has failed early, or the job is refused.
+    """
+
+    fails: bool
+    motion: Motion | None
+
+
+def judged_motion(job: Job, motion: Motion | None = None) -> Judged:
+    """Judge the motion of a job, simulated as far as needed if it is not known.
+
+    Args:
+        job: the job.
+        motion: its motion, where a job with it has been simulated.
+    """
     try:
-        motion = Motion.of(job) if motion is None else motion
+        if motion is None:
+            motion = _motion_unless_it_fails_early(job)
     except GantryError:  # its outcome tells why
-        return None
-    # once, by the thread that has simulated it
-    _ = motion.fails
-    return motion
+        return Judged(False, None)
+    return Judged(motion is None or motion.fails, motion)
+
+
+def _motion_unless_it_fails_early(job: Job) -> Motion | None:
+    """Return the motion of a job, None where the first part of its run is off its path: so is then the whole run."""
+    job.check_loops()
+    with job.locate_errors():
+        simulation = job.prepared_simulation()
+    ticks = len(simulation.position)
+    is_in_loop = job.engine_of_searches == "loop" and simulation.hindrance is None
+    if not is_in_loop or ticks > memory.LONG_RUN or simulation.servo.laws.runs > 1:
+        return Motion.of(job)
+    for run in records_in_parts(simulation, _PARTS):
+        if len(run.time) < ticks and run.fault is None and _is_off_path(job, run):
+            return None
+    return Motion.with_record(job, run.replaced(job=job))
+
+
+def _is_off_path(job: Job, run: Run) -> bool:
+    """Return whether the contour error of a run, or of its first part, is above its limit."""
+    try:
+        distance = Analysis(run).nozzle.distance
+    except InputError:  # no glue is laid so far
+        return False
+    return float(distance.max()) > job.limits(run.face).path_max
 
 
 class Measured(NamedTuple):

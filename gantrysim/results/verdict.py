@@ -82,7 +82,9 @@ class Verdict(Shown):
         return cls(tuple(rows), happened_events(run))
 
     @classmethod
-    def of_results(cls, job: Basis, budget: Budget, bead: Bead, machine: Machine | None = None) -> Verdict:
+    def of_results(
+        cls, job: Basis, budget: Budget, bead: Bead, machine: Machine | None = None, *, is_checked: bool = True
+    ) -> Verdict:
         """Return the verdict on a run whose budget and bead are known.
 
         Args:
@@ -90,11 +92,13 @@ class Verdict(Shown):
             budget: error budget of the run.
             bead: bead of the run.
             machine: machine of the run if not the job's own; the margins are computed for it.
+            is_checked: whether the errors are checked against one another first, which needs all links of the budget;
+                a search, whose result runs once more to be shown, compares verdicts without.
         """
         run = budget.analysis.run
         if run.fault is not None:
             return cls.of_fault(run)
-        if budget.contradictions:
+        if is_checked and budget.contradictions:
             return cls.of_contradictions(budget.contradictions)
         width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else float("nan")
         tolerance = job.limits(run.face, width)

@@ -3,15 +3,17 @@
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from gantrysim import Job
+from gantrysim.engine.simulate import records_in_parts
 from gantrysim.remedy.combination import MOST_MOTIONS, Combinations, Pick, fewest_levers, merged_picks
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.levers.speed import FASTER, SLOWER
 from gantrysim.remedy.levers.valve import LAG_COMPENSATION
-from gantrysim.remedy.outcome import Motion
+from gantrysim.remedy.outcome import Motion, judged_motion
 from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import motion_rows
 
@@ -174,6 +176,28 @@ def test_a_motion_that_fails_is_not_tried_with_another_glue():
         assert len([values for values in runs if values]) == count
 
 
+def test_the_glue_is_varied_for_motions_alone_that_do_not_fail():
+    """Of a lever of the glue and one that moves, four settings each: the one motion that holds leaves four runs."""
+    runs = []
+    asked = []
+    combinations = sums(lambda values: sum(values) >= 72, runs=runs)
+    glue = Lever("glue", "", "", ("path",), lambda state: [Setting(str(k), {"dispenser.area": k}) for k in range(1, 5)])
+    moving = lever("moving", 10, 20, 30, 70)
+    picks = [Pick(glue, "4"), Pick(moving, "70")]
+
+    def motions_fail(jobs):
+        asked.append([job.values for job in jobs])
+        return [70 not in job.values for job in jobs]
+
+    assert combinations.state_of(picks).outcome.burden == 0
+    runs.clear()
+    fewest = fewest_levers(combinations, picks, lambda job: str([v for v in job.values if v >= 10]), motions_fail)
+    assert labels(fewest) == [("glue", "2"), ("moving", "70")]
+    # alone, where the glue's settings share the motion of the job as it is, and together
+    assert asked == [[(), (10,), (20,), (30,), (70,)], [(10,), (20,), (30,), (70,)]]
+    assert [values for values in runs if len(values) == 2] == [(k, 70) for k in range(1, 5)]
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -193,6 +217,32 @@ def test_a_motion_fails_as_its_verdict_says(changes):
     assert list(motion_rows(job, motion.budget)) == [rows[1], rows[2], rows[0]]
     is_of_motion = bool(changes) and "dispenser.dead_time" not in changes
     assert Motion.of(job).fails == motion.outcome(job).motion_fails == is_of_motion
+    judged = judged_motion(job)
+    assert judged.fails == is_of_motion
+    # a path that is left ends the run early
+    assert (judged.motion is None) == ("tolerance.path_max" in changes)
+    if judged.motion is not None:
+        np.testing.assert_array_equal(judged.motion.run.nozzle, motion.run.nozzle)
+
+
+def test_a_trial_needs_no_links_of_its_budget():
+    """They are for the check of the errors against one another, which the run that is shown has."""
+    job = lines_job(SIDES, dispenser={"area": AREA, **LAG})
+    trial = Motion.of(job)
+    shown = Motion.of(job, "loop")
+    assert trial.outcome(job).verdict == shown.outcome(job).verdict
+    assert "contradictions" not in vars(trial.budget)
+    assert shown.budget.contradictions == ()
+
+
+def test_a_record_in_parts_begins_as_the_complete_one():
+    job = lines_job(SIDES, dispenser={"area": AREA, **LAG})
+    *parts, last = records_in_parts(job.prepared_simulation(), (0.1, 0.5))
+    whole = job.run(engine="loop")
+    assert [round(len(part.time) / len(whole.time), 1) for part in parts] == [0.1, 0.5]
+    for run in (*parts, last):
+        np.testing.assert_array_equal(run.nozzle, whole.nozzle[: len(run.time)])
+    assert len(last.time) == len(whole.time)
 
 
 def test_a_motion_does_not_fail_by_the_load_that_the_glue_makes():
