@@ -109,8 +109,8 @@ def simulate_batch(
         simulation, see `Run.fault`.
 
     Raises:
-        InputError: an argument of the wrong type, lists of different lengths, no simulation at all, or an error of
-            `simulate`, with the number of the simulation.
+        InputError: an argument of the wrong type, lists of different lengths, no simulation at all, a computer without
+            the device, or an error of `simulate`, with the number of the simulation.
         MissingPackageError: device "cuda" without numba-cuda.
     """
     check_engine(engine)
@@ -118,8 +118,9 @@ def simulate_batch(
         raise InputError(f"device {device!r}: must be cpu or cuda")
     looping: type[LoopPlaces] = LoopPlaces
     if device == "cuda":
-        from gantrysim.engine.device_places import DevicePlaces
+        from gantrysim.engine.device_places import DevicePlaces, check_device
 
+        check_device()
         looping = DevicePlaces
     simulations = simulations_of(
         machine=machine,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gantrysim.base.errors import InputError
 from gantrysim.engine.advance import Numbers
 from gantrysim.engine.drives import DRIVE
 from gantrysim.engine.native.device import THREADS, cuda, kernel
@@ -16,6 +17,15 @@ from gantrysim.engine.places import LoopPlaces
 from gantrysim.machine.row import LAW, LOG_AXIS, LOG_TICK, ROW
 
 ROOM = 4e9  # for the logs of the simulations that are stepped together [bytes]
+
+
+def check_device() -> None:
+    """Raise InputError unless there is a GPU that numba-cuda can use."""
+    if not cuda.is_available():
+        raise InputError(
+            "device 'cuda': there is no NVIDIA GPU with its driver on this computer; engine=\"loop\" makes the same "
+            "steps on the processor"
+        )
 
 
 class DevicePlaces(LoopPlaces):

@@ -20,7 +20,8 @@ from gantrysim.engine.recording import dispensed_otherwise
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import cumulated_sums, surface_steps
 from gantrysim.glue.dispenser.command import Material
-from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
+from gantrysim.glue.dispenser.dispenser import JET, VALVE, Dispenser
+from gantrysim.glue.dispenser.jet import LARGEST_VALUE, Jet
 from gantrysim.job.basis import program_lines
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
@@ -76,6 +77,13 @@ def without_lag(dispenser: Dispenser) -> Dispenser:
     instant = replace(dispenser, **changes)
     is_same = replace(instant, **{name: getattr(dispenser, name) for name in (*leads, "advance")}) == dispenser
     return dispenser if is_same else instant
+
+
+def without_shot_rate(dispenser: Dispenser) -> Dispenser:
+    """Return a dispenser whose jet is ready for any number of drops in a second."""
+    if dispenser.kind != JET:
+        return dispenser
+    return replace(dispenser, jet=replace(dispenser.jet or Jet(), top_rate=LARGEST_VALUE))
 
 
 def _with_dispenser(change: Callable[[Dispenser], Dispenser]) -> Callable[[Job, Bead], Run]:
@@ -148,6 +156,12 @@ GLUE_CAUSES = (
         "the flow follows its request after the dead time",
         _with_dispenser(without_lag),
         meaning="of the flow behind its request",
+    ),
+    GlueCause(
+        "shot rate",
+        "the jet is ready for every drop that comes due",
+        _with_dispenser(without_shot_rate),
+        meaning="of the jet, which loses drops",
     ),
     GlueCause(
         "speed changes",

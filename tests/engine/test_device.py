@@ -71,3 +71,12 @@ def test_an_unknown_device_is_refused(xy):
 
     with pytest.raises(InputError, match="device 'tpu': must be cpu or cuda"):
         simulate_batch(xy, Servo.derive(xy.axes, 1e-3), ramp(50.0), device="tpu")
+
+
+def test_a_computer_without_a_gpu_is_told_so(xy, monkeypatch):
+    from gantrysim import Servo
+    from gantrysim.engine.native.device import cuda
+
+    monkeypatch.setattr(cuda, "is_available", lambda: False)
+    with pytest.raises(InputError, match="device 'cuda': there is no NVIDIA GPU with its driver on this computer; "):
+        simulate_batch(xy, Servo.derive(xy.axes, 1e-3), ramp(50.0), device="cuda")

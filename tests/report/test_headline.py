@@ -68,7 +68,7 @@ def test_a_cause_of_the_glue_is_named_from_a_hundredth_of_the_value_on():
         check = Check(name="bead_width", quantity="bead too wide by", value=value, limit=10.0, unit="%", source="given")
         return Row.of("glue", [check])
 
-    worths = (4.0, 0.3, 0.15, -1.0, 0.0)
+    worths = (4.0, 0.3, 0.15, -1.0, 0.0, 0.0)
     effects = [GlueEffect(cause, row(20.0 - worth)) for cause, worth in zip(GLUE_CAUSES, worths, strict=True)]
     (text,) = glue_cause_sentences(GlueCauses(row(20.0), tuple(effects)))
     first, second, third, *_ = (cause.name for cause in GLUE_CAUSES)

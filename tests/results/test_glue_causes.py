@@ -78,6 +78,28 @@ def test_a_fixed_flow_at_half_the_speed_is_too_wide_by_the_root_of_two_and_speed
     assert "Cause: speed changes (which the flow does not follow), worth" in text
 
 
+def test_drops_that_a_jet_loses_are_the_cause_of_a_narrow_bead():
+    """Twice as many drops come due as the jet can shoot: half of them are lost, and width goes with the root."""
+    jet = {"drop": 0.02, "top_rate": 2000.0}
+    job = line_job(dispenser={"kind": "jet", "area": 2 * 0.02 * 2000.0 / SPEED, "jet": jet})
+    run = job.follow()
+    causes = causes_of(job, run)
+    narrow = 100 * (1 - math.sqrt(0.5))
+    kept = next(effect for effect in causes.effects if effect.cause.name == "shot rate")
+    assert value_of(causes.row, "bead_width") == pytest.approx(narrow, abs=1.0)
+    # drops are whole: in the ramps a tick has one more or less than its share
+    assert kept.value("bead_width") < 5.0
+    # a start lacks drops, too, and whichever of them is the worst has this cause
+    by_name = worths(causes)
+    assert max(by_name, key=by_name.get) == "shot rate"
+    results = RunResults(job, job.built_machine, Budget(Analysis(run)), Bead(run, job.bead), glue_causes=causes)
+    assert "shot rate (of the jet, which loses drops)" in headline(results)
+    # a jet that keeps up loses none
+    slower = line_job(dispenser={"kind": "jet", "area": 20.0 / SPEED, "jet": jet})
+    kept_up = causes_of(slower, slower.follow())
+    assert kept_up is None or worths(kept_up)["shot rate"] == pytest.approx(0.0, abs=1.0)
+
+
 def test_at_constant_speed_a_flow_without_lag_lays_the_nominal_section_everywhere():
     job = line_job(SLOWER)
     bead = Bead(job.follow(), job.bead)

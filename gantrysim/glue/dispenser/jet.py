@@ -11,7 +11,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
 from gantrysim.base.jit import jit
 
-_LARGEST_VALUE = 1e6
+LARGEST_VALUE = 1e6
 _SMALLEST_DROP = 1e-6  # a picolitre, as of an ink jet [mm³]
 _LOST = 1e-6  # share of the volume from which lost drops are noted
 
@@ -41,7 +41,7 @@ class Jet:
 
     def __post_init__(self) -> None:
         for name, unit in (("drop", "mm³"), ("top_rate", "Hz")):
-            if positive(f"{name} of the jet", getattr(self, name), unit) > _LARGEST_VALUE:
+            if positive(f"{name} of the jet", getattr(self, name), unit) > LARGEST_VALUE:
                 raise InputError(f"{name} of the jet = {getattr(self, name):g} {unit}: must be at most 1e6 {unit}")
         if self.drop < _SMALLEST_DROP:
             raise InputError(f"drop of the jet = {self.drop:g} mm³: must be at least {_SMALLEST_DROP:g} mm³")
