@@ -115,10 +115,9 @@ class Job(LoadedJob):
             and self.simulation.settle == other.simulation.settle
         )
         if is_same and not is_code(self.program["controller"]):
-            known: dict[str, Any] = {
-                name: other.__dict__[name] for name in ("setpoints", "start_wait") if name in other.__dict__
-            }
-            shared.__dict__.update(known)
+            for name in ("setpoints", "start_wait"):
+                if name in other.__dict__:
+                    shared.__dict__[name] = other.__dict__[name]
         return shared
 
     @property

@@ -369,9 +369,38 @@ def test_a_film_is_made_seen_and_downloaded(page):
     fetch(document.getElementById("download").href).then((answer) => answer.blob()).then((film) => done(film.size));
     """
     assert page.browser.driver.execute_async_script(size) > 10_000
+    # before its end card it lasts the whole run: where it goes the cursor goes, and the other way round
+    film = "document.getElementById('video')"
+    shown = "parseFloat(document.querySelector('#readout output').textContent)"
+    page.browser.run(f"{film}.currentTime = 0")
+    page.until(f"{shown} === 0")
+    page.browser.run(f"{film}.currentTime = 0.5 * ({film}.duration - 1)")
+    page.until(f"{shown} > 0 && !{film}.seeking")
+    page.browser.run("document.querySelector('.strips').focus()")
+    page.browser.key("Home")
+    page.until(f"{shown} === 0 && {film}.currentTime < 0.1")
     page.changed(TYPE, TEXT.replace("Y20", "Y30"))
     assert page.browser.text("#former") == "of a former value"
+    page.browser.key("End")
+    page.until(f"{shown} > 0")
+    assert page.browser.run(f"return {film}.currentTime") < 0.1
     page.browser.run("document.getElementById('film-close').click()")
+
+
+@pytest.mark.soak
+def test_the_kept_run_is_seen_in_space(page):
+    page.changed("document.getElementById('keep').click()")
+    page.browser.run("document.querySelector('[data-view=space]').click()")
+    view = "document.querySelector('.view.space .surface[data-view]')"
+    page.until(f"{view} && {view}.getAttribute('aria-label').startsWith('Beads of the runs')")
+    page.changed(SLIDE, "program.acceleration", 700)
+    assert page.browser.run("return document.querySelector('.overlay').hidden")
+    page.changed("document.getElementById('keep').click()")
+    # the view that was chosen stays
+    page.until(f"{view} && {view}.getAttribute('aria-label').startsWith('Bead in 3-D')")
+    page.browser.run("document.querySelector('[data-view=bead]').click()")
+    page.changed("document.querySelector('[data-do=\"undo\"]').click()")
+    assert not page.browser.messages()
 
 
 @pytest.mark.soak

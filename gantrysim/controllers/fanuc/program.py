@@ -267,7 +267,7 @@ class Program(Controller):
         return legs, None
 
     def sharing_text_of(self, other: Program) -> None:
-        """Take over what another program with the same text and start has read, and its path at the same place."""
+        """Take over what another program with the same text, start and place has read of it, and its path."""
         if self.placement == other.placement:
             self.__dict__.update({name: other.__dict__[name] for name in _OF_TEXT if name in other.__dict__})
 

@@ -9,7 +9,7 @@ import { colourOf, theme } from "./theme.js";
 /** @extends {Scene3d<ComparedData>} */
 export class ComparedView extends Scene3d {
   _labels() {
-    return new ComparedLabels(this);
+    return new Labels(this);
   }
 
   _beads() {
@@ -32,6 +32,8 @@ export class ComparedView extends Scene3d {
       const bead = data.beadOf(run);
       const shade = this._lines(bead, () => true, () => this.ground.z, this.shade);
       const ribbon = new Ribbon(bead, frame, this.size);
+      // a later run hides those before where they coincide: what is seen of these lies elsewhere
+      Object.assign(ribbon.object.material, { polygonOffset: true, polygonOffsetFactor: -run, polygonOffsetUnits: -4 * run });
       this.root.add(shade, ribbon.object);
       return { run, ribbon };
     });
@@ -67,12 +69,5 @@ export class ComparedView extends Scene3d {
   /** @param {number} row */
   _described(row) {
     return this.data.described(row);
-  }
-}
-
-class ComparedLabels extends Labels {
-  /** The worst place alone: the runs begin and end together. */
-  _marks() {
-    this._worst(this.view.data.worst, this.colours.ink);
   }
 }

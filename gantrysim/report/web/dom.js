@@ -1,7 +1,5 @@
 // Elements of the page in a line each.
 
-const SVG = "http://www.w3.org/2000/svg";
-
 /**
  * Return a new element with attributes, and children that are elements or text.
  *
@@ -63,13 +61,10 @@ export function toggle(label, pressed, changed, attributes = {}) {
  * @param {number[]} [dash]
  */
 export function sample(colour, dash = []) {
-  const svg = document.createElementNS(SVG, "svg");
-  const line = document.createElementNS(SVG, "line");
-  for (const [name, value] of Object.entries({ class: "sample", viewBox: "0 0 30 8", "aria-hidden": "true" })) svg.setAttribute(name, value);
-  const looks = { x2: "30", y1: "4", y2: "4", stroke: colour, "stroke-width": "3", "stroke-dasharray": dash.join(" ") };
-  for (const [name, value] of Object.entries(looks)) line.setAttribute(name, value);
-  svg.append(line);
-  return svg;
+  const template = document.createElement("template");
+  const stroke = `stroke="${colour}" stroke-width="3" stroke-dasharray="${dash.join(" ")}"`;
+  template.innerHTML = `<svg class="sample" viewBox="0 0 30 8" aria-hidden="true"><line x2="30" y1="4" y2="4" ${stroke}/></svg>`;
+  return template.content;
 }
 
 /**
