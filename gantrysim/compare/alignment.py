@@ -2,6 +2,10 @@
 
 At equal places a trace may have other speeds than the run, see `gantrysim.compare.places`; for equal times see
 `gantrysim.compare.equal_times`. Offsets and turns that the data do not distinguish from zero are zero.
+
+With t the trace's time and tau that of the run at the same place, either t = shift + (1 + clock) tau, with equal speeds
+and a clock that runs fast or slow, or the speeds differ: then dtau/dt at places where the run's speed is steady is the
+ratio of the two.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Compiling an MJCF into the model that is rendered, the model of its physics, and the copies that are stepped."""
+"""Compiling an MJCF into the model that is rendered and that of its physics, and the copies of it that are stepped."""
 
 from __future__ import annotations
 

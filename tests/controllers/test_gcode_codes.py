@@ -90,7 +90,7 @@ def shown(fresh, tmp_path_factory):
     for file, text in (
         ("gcode/codes/motions.py", SQUARE),
         ("gcode/codes/printing.py", COMMAND),
-        ("fanuc/codes/zero_points.py", FANUC),
+        ("fanuc/codes.py", FANUC),
     ):
         path = copy / "controllers" / file
         path.write_text(path.read_text(encoding="utf-8") + text, encoding="utf-8")

@@ -9,7 +9,8 @@ from xml.etree.ElementTree import Element
 from gantrysim.machine.design.mjcf import Load, M, Numbers, TableMjcf, add, include
 from gantrysim.machine.design.table import Drive, Guides, MachineTable, Slide
 
-_DAMPING_RATIO = 0.03  # of the arm of a cantilever in yaw (assumption)
+# of the arm of a cantilever in yaw, and of a bridge in skew (assumption)
+_DAMPING_RATIO = 0.03
 
 _PULLEY_TURNS = 1.05  # travel of the motors over that which the corners need
 

@@ -1,4 +1,4 @@
-"""Interface of a machine's kinematics: from a program's coordinates to positions of axes, and frames of the work."""
+"""Interface of a machine's kinematics: from coordinates of a program to positions of the axes, and frames of work."""
 
 from __future__ import annotations
 

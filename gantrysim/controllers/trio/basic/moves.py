@@ -1,4 +1,9 @@
-"""The moves of Trio BASIC: what each does with its axes, as a function of the distance that its profile has covered."""
+"""The moves of Trio BASIC: what each does with its axes, as a function of the distance that its profile has covered.
+
+What the parameters of corners bound is in Trio's Motion Coordinator Technical Reference Manual. The law between the
+bounds is not documented in the sources at hand: linear in the angle between DECEL_ANGLE and STOP_ANGLE, and in
+proportion to the radius below FULL_SP_RADIUS, are assumptions.
+"""
 
 from __future__ import annotations
 
