@@ -121,7 +121,7 @@ def _say_report(report: Report, folder: Path) -> None:
     """Print question, answer and table; the details are on the page. Files of the folder are named from here."""
     say(report.question, wrap=True, end="\n\n")
     # the page lies beside the job's file, the reader of the terminal does not
-    answer = _OF_FOLDER.sub(lambda found: f"{found[1]} {shlex.quote(str(folder / found[2]))}", report.answer)
+    answer = _OF_FOLDER.sub(lambda match: f"{match[1]} {shlex.quote(str(folder / match[2]))}", report.answer)
     say(answer, wrap=True, end="\n\n")
     if report.table is not None:
         say(report.table.caption or "", wrap=True)

@@ -150,13 +150,13 @@ class Fanuc(Dialect):
 
     def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
         remarks = super().remarks(words, axis)
-        kept = [
+        of_job = [
             f"{name} = {value:g}"
             for name, value in axis.gains.items()
             if value and name not in self.carried_fields(axis.mode)
         ]
-        if kept:
-            remarks.append(f"no parameter of {self.name}, kept from the job for axis {axis.name}: {', '.join(kept)}")
+        if of_job:
+            remarks.append(f"no parameter of {self.name}, kept from the job for axis {axis.name}: {', '.join(of_job)}")
         return remarks
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:

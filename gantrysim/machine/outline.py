@@ -101,10 +101,10 @@ def outline(machine: Machine, positions: Floats) -> list[Part]:
     return parts
 
 
-def _product(left: Floats, right: Floats) -> Floats:
+def _product(first: Floats, second: Floats) -> Floats:
     """Return the products of quaternions w, x, y, z, (n, 4) each."""
-    w = left[:, :1] * right[:, :1] - np.sum(left[:, 1:] * right[:, 1:], axis=1, keepdims=True)
-    vector = left[:, :1] * right[:, 1:] + right[:, :1] * left[:, 1:] + np.cross(left[:, 1:], right[:, 1:])
+    w = first[:, :1] * second[:, :1] - np.sum(first[:, 1:] * second[:, 1:], axis=1, keepdims=True)
+    vector = first[:, :1] * second[:, 1:] + second[:, :1] * first[:, 1:] + np.cross(first[:, 1:], second[:, 1:])
     return np.concatenate([w, vector], axis=1)
 
 
