@@ -1,19 +1,14 @@
-"""The command `gantrysim machine`, and its table of what the drives can do."""
+"""The command `gantrysim machine`."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from gantrysim.cli.options import AllowCode
 from gantrysim.cli.terminal import interruptible, say, share_bar, show
-from gantrysim.machine.machine import Machine
-from gantrysim.machine.sizing import AxisSizing, Mode, Sizing
 
 if TYPE_CHECKING:
     from gantrysim.machine.machine import Machine
@@ -21,35 +16,6 @@ if TYPE_CHECKING:
 
 machine_app = typer.Typer(help="Create machines from tables.", no_args_is_help=True)
 ForJob = Annotated[str | None, typer.Option("--job", help="Job whose torques are compared with the motors.")]
-
-_Row = tuple[str, Callable[[AxisSizing], float]]
-
-
-def _positive(value: float) -> float:
-    """Return a value, NaN for 0: an axis without encoder or without an accuracy class, which is not an exact one."""
-    return value if value > 0 else math.nan
-
-
-_MACHINE: tuple[_Row, ...] = (
-    ("no-load speed [{u}/s]", lambda sizing: sizing.axis.no_load_speed),
-    ("speed limit [{u}/s]", lambda sizing: sizing.axis.speed_limit),
-    ("peak force at rest [{f}]", lambda sizing: sizing.peak_force),
-    ("continuous force [{f}]", lambda sizing: sizing.continuous_force),
-    ("torque left at the speed limit [N·m]", lambda sizing: sizing.torque_at_speed),
-    ("friction there [N·m]", lambda sizing: sizing.friction_at_speed),
-    ("acceleration from rest [{u}/s²]", lambda sizing: sizing.acceleration),
-    ("inertia ratio, load to rotor", lambda sizing: sizing.inertia_ratio),
-    ("encoder count [{m}]", lambda sizing: _positive(1e3 * sizing.axis.resolution)),
-    ("error of the travel, plus or minus [µm]", lambda sizing: _positive(sizing.travel_error)),
-    ("natural frequency of the loop [Hz]", lambda sizing: sizing.frequency),
-    ("gain margin", lambda sizing: sizing.gain_margin),
-)
-_JOB: tuple[_Row, ...] = (
-    ("rms torque of the job [N·m]", lambda sizing: sizing.rms),
-    ("largest torque of the job [N·m]", lambda sizing: sizing.peak),
-    ("continuous torque [N·m]", lambda sizing: sizing.continuous_torque),
-    ("thermal load, rms to continuous [%]", lambda sizing: 100 * sizing.load),
-)
 
 
 @machine_app.callback()
@@ -95,6 +61,7 @@ def new(
 
 def describe(machine: Machine, job: str | None, *, allow_code: bool = False) -> None:
     """Print the sizing of a machine's drives, and what is wrong with it."""
+    from gantrysim.cli.sizing import sizing_table
     from gantrysim.job.job import Job
     from gantrysim.machine.checks import notes
     from gantrysim.machine.sizing import Sizing
@@ -124,36 +91,3 @@ def describe(machine: Machine, job: str | None, *, allow_code: bool = False) -> 
     say(f"verdict: {'to be changed:' if findings else suits}")
     for text in findings:
         say(f"- {text}", wrap=True)
-
-
-def sizing_table(machine: Machine, sizing: Sizing, period: float) -> Table:
-    """Return a row per quantity, a column per axis; quantities of a job where it ran."""
-    table = Table(title=f"drives of {machine.name}", title_justify="left", caption_justify="left")
-    table.add_column("quantity")
-    for axis_sizing in sizing.axes:
-        table.add_column(axis_sizing.axis.name, justify="right", no_wrap=True)
-    job = any(not math.isnan(axis_sizing.rms) for axis_sizing in sizing.axes)
-    travels = ("{:.4g} to {:.4g}".format(*axis_sizing.axis.travel) for axis_sizing in sizing.axes)
-    units = "/".join(dict.fromkeys(axis_sizing.axis.unit for axis_sizing in sizing.axes))
-    symbols = {
-        "u": units,
-        "m": units.replace("mm", "µm").replace("deg", "mdeg"),
-        "f": units.replace("mm", "N").replace("deg", "N·m"),
-    }
-    table.add_row(f"travel \\[{units}]", *travels)
-    for name, value in (*_MACHINE, *(_JOB if job else ())):
-        text = name.format(**symbols).replace("[", "\\[")
-        table.add_row(text, *(_number(value(axis_sizing)) for axis_sizing in sizing.axes))
-    table.caption = (
-        f"modes, motors locked: {_modes(sizing.locked)}; free: {_modes(sizing.free)}; forces with the transmission's "
-        f"efficiency; loop derived at a servo period of {1e3 * period:g} ms"
-    )
-    return table
-
-
-def _number(value: float) -> str:
-    return f"{value:.4g}" if math.isfinite(value) else "–"
-
-
-def _modes(modes: Iterable[Mode]) -> str:
-    return ", ".join(f"{mode.frequency:.0f} Hz ({mode.joint})" for mode in modes) or "none"
