@@ -147,7 +147,7 @@ def test_a_job_imports_its_own_controller_alone(fresh, tmp_path):
     code = f"import sys, gantrysim\ngantrysim.Job.load('an225').setpoints\nprint(*sorted({names}))"
     done = fresh.run(code, tmp_path)
     rooms = {name.split(".")[2] for name in done.output.split()}
-    assert rooms == {"controller", "loop_theory", "stretches", "trio"}, done.error
+    assert rooms == {"controller", "loop_theory", "speeds", "trio"}, done.error
     assert "gantrysim.controllers.trio.basic" not in done.output.split()
 
 

@@ -14,12 +14,13 @@ from dataclasses import fields, is_dataclass
 from io import BufferedReader
 from pathlib import Path
 from textwrap import shorten
-from typing import Any, TypeVar, get_args, get_type_hints
-
-from pydantic import BaseModel, ValidationError
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
 from gantrysim.base.errors import InputError, meant_names, nearest
 from gantrysim.base.files import check_whole
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel, ValidationError
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
@@ -36,7 +37,7 @@ _MANY_KEYS = 20  # keys of a table, which are not listed where the message says 
 _NAMED_PROBLEMS = 8  # problems of one file that are named,
 _LONGEST = 400  # and characters of these
 _INTEGERS = 1 << 63
-Model = TypeVar("Model", bound=BaseModel)
+Model = TypeVar("Model", bound="BaseModel")
 
 
 def check_regular(file: Path, label: str = "") -> None:
@@ -191,6 +192,8 @@ def validated_model(
     Raises:
         InputError: an unknown key, or a value that is refused.
     """
+    from pydantic import ValidationError
+
     try:
         return model.model_validate(content, context=context)
     except ValidationError as error:
@@ -200,6 +203,8 @@ def validated_model(
 
 def field_names(kind: type[Any], prefix: str = "") -> Iterator[str]:
     """Yield the dotted names of the fields of a model or dataclass, nested ones included."""
+    from pydantic import BaseModel
+
     hints = get_type_hints(kind)
     for name in getattr(kind, "model_fields", None) or [field.name for field in fields(kind)]:
         yield f"{prefix}{name}"

@@ -24,8 +24,9 @@ def moves(text, **settings):
 
 
 def ends(text, **settings):
-    """End points of the moves."""
-    return np.round(moves(text, **settings)[:, END : END + 3], 9).tolist()
+    """End points of the moves, without what waits for them."""
+    table = moves(text, **settings)
+    return np.round(table[table[:, KIND] != DWELL, END : END + 3], 9).tolist()
 
 
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")

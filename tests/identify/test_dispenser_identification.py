@@ -381,7 +381,7 @@ SPOILED = {
     "width in µm": (
         BEADS + "20,0.3,1100\n40,0.3,800\n60,0.3,700\n80,0.3,600\n",
         {"needle": (0.41, 12.7)},
-        "times the gap: must be 0.05 to 20 times; µm read as mm?",
+        "times the gap: must be 0.01 to 100 times; µm read as mm?",
     ),
     "two kinds": (
         "pump speed [rpm],plunger speed [mm/s],time [s],mass [mg]\n" + "".join(f"{k},{k},5,{k}\n" for k in range(1, 6)),

@@ -163,7 +163,15 @@ def test_the_balance_of_the_torque_is_what_a_wrong_inertia_leaves(share, wrong, 
     torque = (model.inertia - load) * acceleration + load * derivative(2)
     law = SimpleNamespace(level=np.zeros(time.size), ripple=np.zeros(time.size))
     stated = replace(model, inertia=wrong * model.inertia, stiffness=wrong * stiffness)
-    fit = SimpleNamespace(model=stated, position=position, torque=torque, law=law, held=False, starts=(0,))
+    fit = SimpleNamespace(
+        model=stated,
+        position=position,
+        torque=torque,
+        law=law,
+        held=False,
+        starts=(0,),
+        directions=np.ones(count),
+    )
     assert torque_balance(fit, PERIOD).change == pytest.approx((1 - wrong) * model.inertia, abs=1e-3 * model.inertia)
 
 

@@ -10,6 +10,7 @@ from gantrysim import Machine
 from gantrysim.identify.fit import _starts
 from gantrysim.identify.minimum import Minimum, PredictionError, _slope, _Variables
 from gantrysim.identify.model import model_of
+from gantrysim.identify.prediction import Prediction
 from gantrysim.identify.result import CONFIDENCE, PARAMETERS, SYSTEMATIC, Sensitivity
 from gantrysim.identify.whiteness import LAGS, correlation, covariance_of
 
@@ -117,7 +118,8 @@ def test_the_cost_is_the_sum_of_squares_of_innovations_in_motion_over_counts(mon
     used = np.array([True, True, False, True, True, True])
     calls = []
     error = PredictionError(PERIOD, told, told, True, used, SIZE, lambda: calls.append(1))
-    monkeypatch.setattr("gantrysim.identify.minimum.innovations", lambda model, noise, samples: told)
+    predicted = Prediction(told, np.zeros(told.size))
+    monkeypatch.setattr("gantrysim.identify.minimum.prediction", lambda model, noise, samples: predicted)
     residual = error.residual(MODEL, NOISE)
     assert residual.tolist() == pytest.approx([3.0, -4.0, 1e9, 1e9, -1e9])
     assert error.cost(MODEL, NOISE) == pytest.approx(9 + 16 + 3e18)

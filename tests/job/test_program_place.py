@@ -53,28 +53,28 @@ FANUC_CODES = "it has words of FANUC's alone, as G65, G68, G51.1 or ,R"
 FANUC_FLOW = "it has WHILE, IF or GOTO without O words"
 FED = "its moves feed material by E"
 PRINTER = "it has codes of printers' firmware"
-PLAIN = "it has no O number and feeds no material by E"
+READ_AS_LINUXCNC = "it has no O number and feeds no material by E"
 
 
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
         ("%\nO0001\nG0 X1", "it begins with an O number"),
-        ("(O0001)\nG0 X1", PLAIN),
-        ("O100 sub\nG0 X1\nO100 endsub", PLAIN),
+        ("(O0001)\nG0 X1", READ_AS_LINUXCNC),
+        ("O100 sub\nG0 X1\nO100 endsub", READ_AS_LINUXCNC),
         ("N10 IF [#1 EQ 2] GOTO 20\nG0 X1", FANUC_FLOW),
         ("WHILE [#1 LT 2] DO1\nG0 X1\nEND1", FANUC_FLOW),
-        ("O1 while [#1 LT 2]\nG0 X1\nO1 endwhile", PLAIN),
+        ("O1 while [#1 LT 2]\nG0 X1\nO1 endwhile", READ_AS_LINUXCNC),
         ("G65 P9010 A1\nG0 X1", FANUC_CODES),
         ("G01 X5 F60,R2\nY5", FANUC_CODES),
         ("G51.1 X0\nG0 X1", FANUC_CODES),
-        ("G51.2 X0\nG0 X1", PLAIN),
-        ("G0 X1 (G68 is not here)", PLAIN),
+        ("G51.2 X0\nG0 X1", READ_AS_LINUXCNC),
+        ("G0 X1 (G68 is not here)", READ_AS_LINUXCNC),
         ("G1 X1 E0.2 F600", FED),
-        ("G1 X1 ; E0.2", PLAIN),
+        ("G1 X1 ; E0.2", READ_AS_LINUXCNC),
         ("M104 S200\nG0 X1", PRINTER),
         ("SET_FAN_SPEED FAN=a\nG0 X1", PRINTER),
-        ("M110\nG0 X1", PLAIN),
+        ("M110\nG0 X1", READ_AS_LINUXCNC),
     ],
 )
 def test_the_dialect_is_told_by_the_words_that_others_have_not(text, reason):

@@ -7,7 +7,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.collections import LineCollection
 
 from gantrysim.base.columns import by_blocks
 from gantrysim.metrics.analysis import Analysis
@@ -148,6 +147,8 @@ def draw_coloured_plan(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
     # without a job or a rig there is no tolerance
     scale = MAGNITUDE if run.basis is None else SHARE
     unit = float(distance.max()) or 1.0 if run.basis is None else run.basis.limits(run.face).path_max
+    from matplotlib.collections import LineCollection
+
     coloured = LineCollection(list(pieces[joined]), cmap=colour_map(scale), linewidths=2.4)
     coloured.set_array(scale.places(np.maximum(distance[shown[:-1]], distance[shown[1:]])[joined] / unit))
     coloured.set_clim(0, 1)

@@ -165,9 +165,6 @@ def test_modes_of_a_cantilever(machines):
     mass[1, 2] = mass[2, 1] = -carriage * parts[1][2]
     stiffness = np.diag([8e6, table["arm_stiffness"], 10e6])
     np.testing.assert_allclose(modes(machine.physics, locked=locked(machine))[0], hertz(stiffness, mass), rtol=1e-5)
-    # the guides alone, of the bridge alone
-    critical = 2 * math.sqrt(table["skew_stiffness"] * arm * 0.52**2 / 12)
-    assert machine.physics.joint("skew").damping[0] == pytest.approx(0.03 * critical, rel=1e-6)
 
 
 def test_the_arm_of_a_cantilever_yaws_at_three_hundredths_of_critical_damping(machines):

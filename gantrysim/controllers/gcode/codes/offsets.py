@@ -29,7 +29,8 @@ def g10(state: ProgramState, block: WordBlock) -> None:
         state.ignored[f"G10 L{kind:g}"] += 1
         block.drop(_TABLE_WORDS)
     else:
-        raise InputError(f"G10 L{kind:g}: must be L1, L2, L10, L11 or L20")
+        stated = "" if kind is None else f" L{kind:g}"
+        raise InputError(f"G10{stated}: must be L1, L2, L10, L11 or L20")
 
 
 @action((LINUXCNC,))
