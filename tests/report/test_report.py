@@ -150,9 +150,8 @@ def test_the_headline_names_the_link_with_the_largest_share(spiral):
 )
 def test_the_headline_gives_the_portion_of_the_error(spiral, share, portion):
     budget = Budget(spiral[2].analysis)
-    values = budget.values
-    rest = dict.fromkeys(LINKS, replace(values.parts["servo"], share=(1 - share) / 3))
-    vars(budget)["values"] = replace(values, parts={**rest, "structure": replace(rest["structure"], share=share)})
+    rest = dict.fromkeys(LINKS, replace(budget.part_values["servo"], share=(1 - share) / 3))
+    vars(budget)["part_values"] = {**rest, "structure": replace(rest["structure"], share=share)}
     assert contour_sentence(budget).endswith(f" µm rms, {portion} in structure (motor to nozzle).")
 
 
