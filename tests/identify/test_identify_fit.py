@@ -177,7 +177,8 @@ def turning_axis():
     # the speed's mean in a sample passes zero slowly, so that the axis turns in many samples
     means = 12.0 * np.sin(2 * np.pi * np.arange(400) / 400)
     ends = means[:-1] + 0.5 * swing * (-1.0) ** np.arange(399)
-    first, last = ends[:-1], ends[1:]
+    first = ends[:-1]
+    last = ends[1:]
     position = np.concatenate([[0.0], np.cumsum(0.5 * PERIOD * (first + last))])
     torque = RIGID.inertia * (last - first) / PERIOD
     crossing = first * last < 0

@@ -8,7 +8,7 @@ from gantrysim.controllers.gcode.coordinate_systems import INCH
 from gantrysim.controllers.gcode.move_table import EXACT_PATH, EXACT_STOP
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
-_GROUP = "cutter compensation"
+_COMPENSATION = "cutter compensation"
 _LINUXCNC = (LINUXCNC,)
 _SLICER = (SLICER,)
 _SUBJECT = "cutter compensation"
@@ -180,34 +180,34 @@ def g97(state: ProgramState, block: WordBlock) -> None:
     """Spindle at S revolutions per minute."""
 
 
-@setting(_GROUP)
+@setting(_COMPENSATION)
 def g40(state: ProgramState, block: WordBlock) -> None:
     """Cutter compensation off."""
     state.compensation.end()
 
 
-@setting(_GROUP, _LINUXCNC)
+@setting(_COMPENSATION, _LINUXCNC)
 def g41(state: ProgramState, block: WordBlock) -> None:
     """Path on the left of the programmed one, by half the diameter of the tool D, or of the one in the spindle."""
-    _begin(state, _LEFT * _diameter_of_tool(state, block))
+    _begin_compensation(state, _LEFT * _diameter_of_tool(state, block))
 
 
-@setting(_GROUP, _LINUXCNC)
+@setting(_COMPENSATION, _LINUXCNC)
 def g41_1(state: ProgramState, block: WordBlock) -> None:
     """Path on the left of the programmed one, by half the diameter D."""
-    _begin(state, _LEFT * _diameter_given(state, block, "G41.1"))
+    _begin_compensation(state, _LEFT * _diameter_given(state, block, "G41.1"))
 
 
-@setting(_GROUP, _LINUXCNC)
+@setting(_COMPENSATION, _LINUXCNC)
 def g42(state: ProgramState, block: WordBlock) -> None:
     """Path on the right of the programmed one, by half the diameter of the tool D, or of the one in the spindle."""
-    _begin(state, _RIGHT * _diameter_of_tool(state, block))
+    _begin_compensation(state, _RIGHT * _diameter_of_tool(state, block))
 
 
-@setting(_GROUP, _LINUXCNC)
+@setting(_COMPENSATION, _LINUXCNC)
 def g42_1(state: ProgramState, block: WordBlock) -> None:
     """Path on the right of the programmed one, by half the diameter D."""
-    _begin(state, _RIGHT * _diameter_given(state, block, "G42.1"))
+    _begin_compensation(state, _RIGHT * _diameter_given(state, block, "G42.1"))
 
 
 def _diameter_of_tool(state: ProgramState, block: WordBlock) -> float:
@@ -225,7 +225,7 @@ def _diameter_given(state: ProgramState, block: WordBlock, name: str) -> float:
     return block.values.pop("D") * state.frames.unit
 
 
-def _begin(state: ProgramState, diameter: float) -> None:
+def _begin_compensation(state: ProgramState, diameter: float) -> None:
     if state.compensation.is_on:
         raise InputError("cutter compensation is on already: must end with G40 before it begins again")
     if diameter and state.modes.plane >= _PLANES:

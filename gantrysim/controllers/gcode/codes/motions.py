@@ -169,7 +169,7 @@ class _Stroke:
 Strokes = Callable[[_Stroke], None]
 
 
-def _run(state: ProgramState, block: WordBlock, strokes: Strokes, *, needs: str = "", takes: str = "") -> None:
+def _run_cycle(state: ProgramState, block: WordBlock, strokes: Strokes, *, needs: str = "", takes: str = "") -> None:
     """Run a cycle at its places.
 
     Args:
@@ -256,25 +256,25 @@ def g73(state: ProgramState, block: WordBlock) -> None:
     def strokes(stroke: _Stroke) -> None:
         stroke.peck(lambda depth: depth)
 
-    _run(state, block, strokes, needs="Q", takes="D")
+    _run_cycle(state, block, strokes, needs="Q", takes="D")
 
 
 @motion(dialects=_LINUXCNC, is_cycle=True)
 def g74(state: ProgramState, block: WordBlock) -> None:
     """Tapping cycle to the left: down at feed, dwell of P, up at feed."""
-    _run(state, block, _down_and_up, takes="P")
+    _run_cycle(state, block, _down_and_up, takes="P")
 
 
 @motion(dialects=_LINUXCNC, is_cycle=True)
 def g81(state: ProgramState, block: WordBlock) -> None:
     """Drilling cycle: down at feed, up."""
-    _run(state, block, _down)
+    _run_cycle(state, block, _down)
 
 
 @motion(dialects=_LINUXCNC, is_cycle=True)
 def g82(state: ProgramState, block: WordBlock) -> None:
     """Drilling cycle with a dwell of P, in which a needle lays a dot."""
-    _run(state, block, _down_and_wait, needs="P")
+    _run_cycle(state, block, _down_and_wait, needs="P")
 
 
 @motion(dialects=_LINUXCNC, is_cycle=True)
@@ -284,31 +284,31 @@ def g83(state: ProgramState, block: WordBlock) -> None:
     def strokes(stroke: _Stroke) -> None:
         stroke.peck(lambda depth: stroke.clear)
 
-    _run(state, block, strokes, needs="Q", takes="D")
+    _run_cycle(state, block, strokes, needs="Q", takes="D")
 
 
 @motion(dialects=_LINUXCNC, is_cycle=True)
 def g84(state: ProgramState, block: WordBlock) -> None:
     """Tapping cycle to the right: down at feed, dwell of P, up at feed."""
-    _run(state, block, _down_and_up, takes="P")
+    _run_cycle(state, block, _down_and_up, takes="P")
 
 
 @motion(dialects=_LINUXCNC, is_cycle=True)
 def g85(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle: down and up to R at feed."""
-    _run(state, block, _down_and_up_to_r)
+    _run_cycle(state, block, _down_and_up_to_r)
 
 
 @motion(dialects=_LINUXCNC, is_cycle=True)
 def g86(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle with a dwell of P; the spindle stops before the way up."""
-    _run(state, block, _down_and_wait, needs="P")
+    _run_cycle(state, block, _down_and_wait, needs="P")
 
 
 @motion(dialects=_LINUXCNC, is_cycle=True)
 def g89(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle with a dwell of P; up at feed."""
-    _run(state, block, _down_and_up, needs="P")
+    _run_cycle(state, block, _down_and_up, needs="P")
 
 
 @motion(dialects=_LINUXCNC)
