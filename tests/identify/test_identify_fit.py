@@ -5,6 +5,7 @@
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,9 +17,10 @@ from scipy.ndimage import uniform_filter1d
 
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
-from gantrysim.identify.fit import AxisLog, fit_axis
+from gantrysim.identify.fit import AxisLog, _revised_law, fit_axis
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
+from gantrysim.identify.minimum import PredictionError
 from gantrysim.identify.model import model_of
 from gantrysim.identify.plan import excitation
 from gantrysim.identify.prediction import Samples, innovations, prediction
@@ -208,6 +210,17 @@ def test_coulomb_friction_of_a_swinging_axis_is_found_by_the_directions_between_
     found = regression.with_directions(signs).solved(()).values[coulomb]
     assert found == pytest.approx(friction, rel=0.01)
     assert abs(regression.solved(()).values[coulomb] / friction - 1) > 0.05
+
+
+def test_the_friction_of_a_fit_is_found_again_by_the_directions_that_it_predicts():
+    position, torque, signs, _ = turning_axis()
+    position, torque, signs = (np.tile(values, 5) for values in (position[:-1], torque[:-1], signs))
+    friction = 0.02
+    log = AxisLog("y", "mm", 1e-3, PERIOD, position, torque + friction * signs, held=True)
+    error = PredictionError(PERIOD, position, log.torque, True, np.ones(position.size, bool), 1e-3, lambda: None)
+    best = SimpleNamespace(model=RIGID)
+    found = _revised_law(RIGID, log, error, best, signs).estimates["coulomb"].value
+    assert found == pytest.approx(friction, rel=0.01)
 
 
 @pytest.mark.parametrize("filled", [False, True])

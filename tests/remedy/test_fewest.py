@@ -225,6 +225,18 @@ def test_a_motion_fails_as_its_verdict_says(changes):
         np.testing.assert_array_equal(judged.motion.run.nozzle, motion.run.nozzle)
 
 
+@pytest.mark.parametrize("share", [0.5, 0.98, 1.02, 2.0])
+def test_a_run_ends_early_only_beyond_the_limit_of_its_path(share):
+    """The limit is a share of the largest distance in the whole run, which a part of the run has already."""
+    job = lines_job(SIDES, dispenser={"area": AREA, **LAG})
+    largest = float(Motion.of(job).budget.contour_values.max)
+    at_limit = job.changed({"tolerance.path_max": share * largest, "tolerance.path_p95": 2 * largest})
+    judged = judged_motion(at_limit)
+    # a warning near the limit needs the complete run
+    assert judged.fails == Motion.of(at_limit).fails
+    assert (judged.motion is None) == (share < 1)
+
+
 def test_a_trial_needs_no_links_of_its_budget():
     """They are for the check of the errors against one another, which the run that is shown has."""
     job = lines_job(SIDES, dispenser={"area": AREA, **LAG})
