@@ -473,7 +473,9 @@ def test_one_cursor_over_two_runs(browser, tmp_path):
     browser.key("ArrowLeft" if worst > START + 1 else "ArrowRight", shift=True)
     assert check() != worst
     left, top, width, height = browser.box('.strip[data-name="contour.0-all"] .u-over')
+    before = browser.text(".readout .place")
     browser.click(left + 0.25 * width, top + 0.5 * height)
+    browser.wait(f"document.querySelector('.readout .place').textContent !== {before!r}")
     quarter = check()
     assert (quarter - START) / (2 * np.pi * RADIUS) == pytest.approx(0.25, abs=0.01)
     left, top, width, height = browser.box(".overlay .surface")

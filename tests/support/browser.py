@@ -124,10 +124,13 @@ class Browser:
         """Left, top, width and height in the window of an element, which is scrolled to."""
         found = "const e = document.querySelector(arguments[0]);"
         self.run(f"{found} e.scrollIntoView({{block: 'center', behavior: 'instant'}});", selector)
-        self.settle()  # what the page does when it is scrolled may move the element
-        return self.run(
-            f"{found} const b = e.getBoundingClientRect(); return [b.left, b.top, b.width, b.height];", selector
-        )
+        rectangle = f"{found} const b = e.getBoundingClientRect(); return [b.left, b.top, b.width, b.height];"
+        before = None
+        # what the page does when it is scrolled may move the element
+        while (place := self.run(rectangle, selector)) != before:
+            before = place
+            self.settle()
+        return place
 
     def text(self, selector):
         return self.run("return document.querySelector(arguments[0]).textContent", selector)
