@@ -95,7 +95,10 @@ class Scale:
 
 
 def scale_for(
-    colour: str, runs: Sequence[Run], beads: Sequence[BeadSettings | BeadTrace | None] | None = None
+    colour: str,
+    runs: Sequence[Run],
+    beads: Sequence[BeadSettings | BeadTrace | None] | None = None,
+    verdict: Verdict | None = None,
 ) -> Scale | None:
     """Return one colour scale for the beads of several runs, or None for plain beads.
 
@@ -107,6 +110,7 @@ def scale_for(
         colour: "width", "error" or "plain".
         runs: the runs to be coloured.
         beads: bead settings of each run, or the beads themselves.
+        verdict: on the first run, which tells for which limit its path fails.
 
     Raises:
         InputError: no such colour.
@@ -125,7 +129,8 @@ def scale_for(
         reach = WIDTH.high * share / 100 * nominal
         return _scale("bead width", "mm", (nominal - reach, nominal + reach), values, WIDTH)
     if first.basis is not None:
-        largest = SHARE.high * _UM * first.basis.limits(first.face).path_max
+        judged = None if verdict is None else verdict.path_limit
+        largest = SHARE.high * _UM * (judged or first.basis.limits(first.face).path_max)
         return _scale("contour error", "µm", (0.0, largest), values, SHARE)
     largest = float(np.percentile(values, _ERROR_PERCENTILE))
     return _scale("contour error", "µm", (0.0, _rounded_up(max(largest, _LEAST_ERROR))), values, MAGNITUDE)

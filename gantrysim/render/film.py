@@ -130,7 +130,7 @@ class Film(Closing):
         runs = [take.run for take in takes]
         self._verdicts = verdicts = [take.run.known_verdict if take.verdict is None else take.verdict for take in takes]
         colour = chosen_colour(colour, runs, verdicts)
-        scale = scale_for(colour, runs, beads)
+        scale = scale_for(colour, runs, beads, verdicts[0])
         self._labels = labels = _labels(takes)
         self.panel = Panel(self._runs, self.size, labels[0], scale)
         above = self.panel.size[1]

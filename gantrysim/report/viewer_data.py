@@ -313,7 +313,7 @@ class ViewerData:
             "worst": self._worst_row,
             "passes": verdict.state == PASS,
             "shown": verdict.shown_row,
-            "path_tolerance": _UM * self._tolerance.path_max,
+            "path_tolerance": _UM * (verdict.path_limit or self._tolerance.path_max),
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": self._width_tolerance,
             "dots": [_dot_content(verdict, rows) for verdict in self.results.dots],

@@ -24,7 +24,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.metrics.parts import PartValues
 from gantrysim.record.run import Run, check_run
-from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, Row, worst
+from gantrysim.results.checks import FAIL, ORDER, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, Row, worst
 from gantrysim.results.colours import STATES
 from gantrysim.results.glue import GLUE, PlaceAt, glue_row
 from gantrysim.results.verdict_quantities import LOADS, SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
@@ -148,6 +148,11 @@ class Verdict(Shown):
         return max(rows, key=lambda row: row.severity).name if rows else PATH
 
     @property
+    def path_limit(self) -> float | None:
+        """Limit of the contour error in pictures [mm], see `shown_path_limit`; None where none is judged."""
+        return None if self.tolerance is None else shown_path_limit(self[PATH], self.tolerance)
+
+    @property
     def worst_check(self) -> Check | None:
         """The worst check of the worst row; None where there is no such row, or its remark alone says why it fails."""
         row = self.worst_row
@@ -233,6 +238,20 @@ def path_row(contour: PartValues, tolerance: Tolerance, line_at: Callable[[float
             Check.of(CONTOUR.statistic(P95), tolerance.bound("path_p95"), contour.p95),
         ],
     )
+
+
+def shown_path_limit(row: Row, tolerance: Tolerance) -> float:
+    """Return the limit of the contour error in pictures [mm].
+
+    It is that of the largest error, or that of the 95 % one where this is judged worse: a path that fails for it would
+    otherwise be drawn within its tolerance everywhere.
+
+    Args:
+        row: the verdict on the path.
+        tolerance: limits of the run.
+    """
+    states = {check.name: ORDER.index(check.state) for check in row.checks}
+    return tolerance.path_p95 if states.get("path_p95", 0) > states.get("path_max", 0) else tolerance.path_max
 
 
 def stability_row(job: Basis, margins: tuple[Margins, ...] | None, tolerance: Tolerance) -> Row:

@@ -6,12 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from gantrysim import Fault, InputError, Job, Tolerance, Verdict
 from gantrysim.glue.bead import Bead
 from gantrysim.job.tolerance import ToleranceSettings
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
+from gantrysim.render.colours import scale_for
+from gantrysim.report.plots.bead import draw_laid
+from gantrysim.report.plots.plan import draw_coloured_plan
+from gantrysim.report.viewer_data import ViewerData
 from gantrysim.results.checks import Check, Place, Row
 from gantrysim.results.glue import BeadWidth
 from gantrysim.results.run_results import RunResults
@@ -116,6 +121,27 @@ def test_an_offset_everywhere_fails_by_its_95th_percentile_first(job, follower):
     row = Verdict.of(job, follower.replaced(nozzle=nozzle))["path"]
     assert [(check.name, check.state) for check in row.checks] == [("path_p95", "fail"), ("path_max", "pass")]
     assert row.checks[0].value == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize(
+    ("everywhere", "once", "limit"), [(0.05, 0.0, 41.0), (0.0, 0.1, 82.0), (0.05, 0.1, 82.0), (0.01, 0.0, 82.0)]
+)
+def test_pictures_show_the_path_in_shares_of_the_limit_for_which_it_fails(job, follower, everywhere, once, limit):
+    """An error of 50 µm everywhere fails for 41 µm at 95 % and must not be drawn within 82 µm."""
+    nozzle = follower.nozzle + np.array([0.0, everywhere, 0.0])
+    nozzle[tick_at(follower, 40.0), 1] += once
+    run = replace(follower.replaced(nozzle=nozzle), job=job)
+    analysis = Analysis(run)
+    results = RunResults(job, job.built_machine, Budget(analysis), Bead(run, job.bead, analysis))
+    assert 1e3 * results.verdict.path_limit == pytest.approx(limit)
+    assert ViewerData(results).content()["path_tolerance"] == pytest.approx(limit)
+    assert scale_for("error", [run], verdict=results.verdict).high == pytest.approx(10 * limit)
+    plan = draw_coloured_plan(Figure(), results.budget)
+    assert f"{limit:.3g}, tolerance" in [label.get_text() for label in plan.figure.axes[-1].get_yticklabels()]
+    (bar,) = draw_laid(Figure(), results).child_axes
+    # one tick far off is also a bead too wide there, which is worse
+    assert results.verdict.shown_row == ("path" if everywhere else "glue")
+    assert not everywhere or f"{10 * limit:.3g} µm" in [text.get_text() for text in bar.texts]
 
 
 @pytest.mark.parametrize(("factor", "blobs", "gaps", "quantity"), [(1.44, 1, 0, "wide"), (0.64, 0, 1, "narrow")])

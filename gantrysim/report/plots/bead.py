@@ -140,7 +140,7 @@ def _colouring(results: RunResults, bead: Bead, nominal: float) -> tuple[Floats,
         analysis = budget.analysis
         size = UM * np.interp(np.arange(len(bead.length)), analysis.ticks, budget.contour.size)
         values = bead.along(size)
-        limit = UM * tolerance.path_max
+        limit = UM * (results.verdict.path_limit or tolerance.path_max)
         return values / limit, SHARE, ("contour error", "0", f"{SHARE.high * limit:.3g} µm")
     limit = tolerance.bead_width
     span = WIDTH.high * limit

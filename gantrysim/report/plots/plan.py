@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.columns import by_blocks
+from gantrysim.job.basis import Basis
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.plots.budget import draw_budget, draw_budget_along
 from gantrysim.report.plots.style import COLOURS, UM, add_legend, axes_on, colour_map, sheet
 from gantrysim.results.checks import Check
 from gantrysim.results.colours import INK, MAGNITUDE, SHARE
+from gantrysim.results.verdict import path_row, shown_path_limit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -146,7 +148,7 @@ def draw_coloured_plan(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
     joined = np.diff(ticks) <= step
     # without a job or a rig there is no tolerance
     scale = MAGNITUDE if run.basis is None else SHARE
-    unit = float(distance.max()) or 1.0 if run.basis is None else run.basis.limits(run.face).path_max
+    unit = float(distance.max()) or 1.0 if run.basis is None else _path_limit(run.basis, budget)
     from matplotlib.collections import LineCollection
 
     coloured = LineCollection(list(pieces[joined]), cmap=colour_map(scale), linewidths=2.4)
@@ -159,6 +161,12 @@ def draw_coloured_plan(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
     labels = [f"{UM * unit * tick:.3g}{', tolerance' if scale is SHARE and tick == 1 else ''}" for tick in scale.ticks]
     bar.set_ticks(scale.places(np.array(scale.ticks)).tolist(), labels=labels)
     return axes
+
+
+def _path_limit(basis: Basis, budget: Budget) -> float:
+    """Return the limit for which the path is judged worst [mm]."""
+    tolerance = basis.limits(budget.analysis.run.face)
+    return shown_path_limit(path_row(budget.contour_values, tolerance, lambda _: None), tolerance)
 
 
 def _png(figure: Any) -> bytes:
