@@ -213,7 +213,8 @@ def show_change(changes: Mapping[str, Any], folder: str) -> None:
         say(f"paste into the {'command line' if changes['options'] else 'job file'}:")
         say("\n".join(_INDENT + line for line in lines))
     if changes["outcome"]:
-        _show_rows([("then", changes["outcome"]), ("", changes["values"])])
+        values = [("", changes["values"])] if changes["values"] else []
+        _show_rows([("then", changes["outcome"]), *values])
 
 
 def option_lines(options: Sequence[str]) -> Iterator[str]:

@@ -49,7 +49,7 @@ def test_a_run_ends_on_one_screen_whose_words_and_units_are_whole(name, width, m
     lines = text.splitlines()
     assert len(lines) + AFTER <= tables.LONGEST
     assert max(map(len, lines)) <= width
-    assert all(line == line.rstrip() for line in lines)
+    assert all(line and line == line.rstrip() for line in lines)
     words = {word.rstrip(":") for word in text.split()} | set(text.split())
     for part in texts(ANSWERS[name]):
         assert set(part.split()) <= words
