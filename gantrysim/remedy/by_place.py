@@ -30,7 +30,7 @@ from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.lever import State
-from gantrysim.remedy.levers.flow import PROPORTIONAL_FLOW
+from gantrysim.remedy.levers.dispenser import PROPORTIONAL_FLOW
 from gantrysim.remedy.local_usage import LocalUsage, local_usage
 from gantrysim.remedy.outcome import Motion, Outcome
 from gantrysim.remedy.speed_model import TARGET, SpeedModel
