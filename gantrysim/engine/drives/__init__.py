@@ -24,7 +24,7 @@ from gantrysim.engine.drives.field import FIELD
 from gantrysim.engine.drives.part import MODE_NUMBERS, DrivenAxis, DrivePart
 from gantrysim.engine.drives.stepper import STEPPING
 from gantrysim.engine.drives.transmission import TRANSMISSION
-from gantrysim.engine.native.parts import with_parts
+from gantrysim.engine.native.functions import with_parts
 from gantrysim.engine.native.pointers import pointer, row_at, tape_of
 from gantrysim.engine.native.stages import Body, Stage, compiled_stage
 from gantrysim.machine.machine import Machine

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.extras import extra
 from gantrysim.engine.native import plant, tick
-from gantrysim.engine.native.laws import take
+from gantrysim.engine.native.functions import take
 from gantrysim.engine.native.stages import Body
 from gantrysim.machine.row import POINTS, Log
 from gantrysim.servo.gains import GAIN_NAMES, Gains
