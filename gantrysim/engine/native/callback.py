@@ -1,7 +1,7 @@
 """The servo tick as MuJoCo's control callback: compiled, and installed for the time of a run.
 
-The previous callback is restored at the end. A law in plain Python calls the parts of the tick instead. MuJoCo's timers
-have a clock meanwhile that stands still: reading the one that its Python package installs is a third of a gantry's step.
+The previous callback is restored at the end. A law in plain Python calls the parts of the tick instead. Meanwhile the
+clock of MuJoCo's timers stands still: reading the one that its Python package installs is a third of a gantry's step.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
