@@ -2,7 +2,7 @@
 
 A new part is a file here, and its line in `PARTS` below. What it needs to know of the machine it reads from the MJCF,
 as a rule from a custom numeric with a value per actuator; a table states that with an entry in `facts` of
-`gantrysim.machine.design.transmission`.
+`gantrysim.machine.design.table`.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
