@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import gantrysim
-from gantrysim.controllers.softmc.basic.syntax import BLOCKS, COMMANDS
+from gantrysim.controllers.softmc.basic.program import BLOCKS, COMMANDS
 from gantrysim.controllers.trio.basic import commands
 from gantrysim.controllers.trio.basic.text import STATEMENTS
 

@@ -15,9 +15,8 @@ from matplotlib.figure import Figure
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.report.answer import Answer, Remedy
+from gantrysim.report.answer import Answer, Changes, Remedy
 from gantrysim.report.card import HEIGHT, WIDTH, draw_card, save_card
-from gantrysim.report.changes import Changes
 from gantrysim.report.document import Section
 from gantrysim.report.page import run_page
 from gantrysim.report.plots.bead import draw_laid
