@@ -6,7 +6,6 @@ import os
 import time
 from dataclasses import dataclass
 
-from gantrysim.report.document import Section
 from gantrysim.report.headline import cause_sentences, glue_sentences, headline
 from gantrysim.results.checks import PASS, Row
 from gantrysim.results.glue import ploughing_remedy
@@ -127,16 +126,3 @@ def written_on() -> str:
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
     moment = time.gmtime(int(epoch)) if epoch.isdigit() else time.localtime()
     return time.strftime("%Y-%m-%d %H:%M", moment)
-
-
-@dataclass(frozen=True)
-class Changes:
-    """What a search for changes in a job has found.
-
-    Attributes:
-        remedy: in short, for the first screen.
-        section: in full.
-    """
-
-    remedy: Remedy
-    section: Section

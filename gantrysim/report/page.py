@@ -13,9 +13,9 @@ from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.error_quantities import TORQUE_RIPPLE
-from gantrysim.report.answer import Answer, Changes, Remedy
+from gantrysim.report.answer import Answer, Remedy
 from gantrysim.report.causes import causes_section, glue_causes_section
-from gantrysim.report.document import Column, Section, Table
+from gantrysim.report.document import Changes, Column, Section, Table
 from gantrysim.report.drawn_page import DrawnPage, draw_page
 from gantrysim.report.figures import Figures, section_name
 from gantrysim.report.plots.bead import draw_laid

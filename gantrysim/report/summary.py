@@ -17,9 +17,8 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import DURATION, END_POINT
 from gantrysim.metrics.parts import ERROR_SIZES
 from gantrysim.record.run import Run
-from gantrysim.report.answer import Changes
 from gantrysim.report.causes import causes_section, causes_summary, glue_causes_section, glue_causes_summary
-from gantrysim.report.document import Section
+from gantrysim.report.document import Changes, Section
 from gantrysim.report.headline import headline
 from gantrysim.report.scatter import scatter_section, scatter_summary
 from gantrysim.report.sections import faults_section
