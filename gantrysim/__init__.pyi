@@ -36,6 +36,6 @@ from .results.verdict import Verdict as Verdict
 from .servo.laws.user import Tick as Tick
 from .servo.servo import Servo as Servo
 from .study import tuning as tuning
-from .study.figures import figures as figures
+from .study.cases import figures as figures
 
 __version__: str

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import gymnasium
 
+from gantrysim.env.decision import Entry
 from gantrysim.env.episodes import SPIRAL
-from gantrysim.env.observation import Entry
 from gantrysim.env.ranges import PRESETS, RandomValue
 from gantrysim.env.registry import TASKS
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import gantrysim as gs
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.remedy.bounds import bound_of
-from gantrysim.remedy.by_place import SpeedByPlace
-from gantrysim.remedy.by_place_files import write_by_place
+from gantrysim.remedy.by_place import SpeedByPlace, write_by_place
 from gantrysim.remedy.improvement import Improvement
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.results.checks import PASS, Row

@@ -8,8 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from gantrysim.machine.design.library import AcServo, Motor, counts_of, encoder_names, motor_names, motor_of
-from gantrysim.machine.design.table import Drive, Guides, MachineTable, Masses, Slide
-from gantrysim.machine.design.transmission import Belt, Rack, Screw
+from gantrysim.machine.design.table import Belt, Drive, Guides, MachineTable, Masses, Rack, Screw, Slide
 from gantrysim.machine.design.urdf import UrdfAxis, UrdfNozzle, UrdfTable
 from gantrysim.machine.geometry import SCREWS
 

@@ -18,8 +18,7 @@ IMPORTED = {"distributed": "dask", "pil": "pillow"}  # packages that are importe
 WITH = {"llvmlite": "numba", "markupsafe": "jinja2"}  # parts of a package, installed with it
 # modules that import packages of an extra at their top, and are themselves imported for that purpose alone
 WHOLE = {
-    "engine/device_places.py": "cuda",
-    "engine/native/device.py": "cuda",
+    "engine/device.py": "cuda",
     "env": "learning",
     "live": "live",
     "report/notebook.py": "notebook",

@@ -16,7 +16,7 @@ ALLOWED = {
             *("ctypes.c_uint64.from_address", "ctypes.c_int.from_address", "ctypes.c_int64.from_address"),
             *("data._address", "model._address"),
         },
-        "engine/native/hook.py": {"data._address"},
+        "engine/native/callback.py": {"data._address"},
     },
     "no traceback of what is no error: an interrupt while modules are imported, the end of loky's manager": {
         "cli/start.py": {"sys.excepthook ="},

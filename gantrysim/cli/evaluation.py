@@ -32,7 +32,7 @@ from gantrysim.results.glue_causes import glue_causes_of
 from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:
-    from gantrysim.report.changes import Changes
+    from gantrysim.report.document import Changes
     from gantrysim.report.figures import Figures
 
 _LONG_RUN = "the run is long"

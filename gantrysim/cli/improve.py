@@ -154,8 +154,7 @@ def _write_outputs(improvement: Improvement, file: Path | None, out: Path | None
 
 def _written_by_place(improvement: Improvement, file: Path | None, out: Path | None) -> Iterator[str]:
     """Write the program with speeds by place beside the improved job and the page; yield what is said of it."""
-    from gantrysim.remedy.by_place import SpeedByPlace
-    from gantrysim.remedy.by_place_files import BY_PLACE, write_by_place
+    from gantrysim.remedy.by_place import BY_PLACE, SpeedByPlace, write_by_place
 
     by_place = improvement.by_place
     if not isinstance(by_place, SpeedByPlace):

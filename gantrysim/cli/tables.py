@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gantrysim.base.quantity import Quantity, number_text
-from gantrysim.cli.terminal import columns, say, show, unbreakable_text
+from gantrysim.cli.terminal import say, show, terminal_width, unbreakable_text
 from gantrysim.glue.bead import BeadValues
 from gantrysim.job.loaded import CHOSEN
 from gantrysim.job.margins import LOW_MARGIN
@@ -220,7 +220,7 @@ def show_change(changes: Mapping[str, Any], folder: str) -> None:
 def option_lines(options: Sequence[str]) -> Iterator[str]:
     """Yield options on lines of a shell, each but the last continued."""
     line = ""
-    width = columns() - len(_INDENT) - len(_CONTINUED)
+    width = terminal_width() - len(_INDENT) - len(_CONTINUED)
     for word in options:
         option = word if word.startswith("--") else f"--{word}"
         if line and len(line) + 1 + len(option) > width:

@@ -16,8 +16,7 @@ from scipy.signal import find_peaks, welch
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import contents, number_text
-from gantrysim.compare.alignment import DEFAULT, Alignment
-from gantrysim.compare.alignment_words import alignment_content
+from gantrysim.compare.alignment import DEFAULT, Alignment, alignment_content
 from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK
 from gantrysim.compare.equal_times import turned_points
 from gantrysim.compare.measured import Trace

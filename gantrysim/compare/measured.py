@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, expanded_path, positive, unknown
-from gantrysim.base.heads import spaced_name
 from gantrysim.base.input_files import read_toml
 from gantrysim.record.run import Run
 from gantrysim.tables.column_table import SAMPLES, ColumnTable, Source
-from gantrysim.tables.units import SI, TORQUE
+from gantrysim.tables.units import SI, TORQUE, spaced_name
 
 # Which columns of a log are which quantities, as a user assigns them.
 

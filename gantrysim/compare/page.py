@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.compare.alignment_words import alignment_words, estimate_rows
+from gantrysim.compare.alignment import alignment_words, estimate_rows
 from gantrysim.compare.compare_quantities import (
     DIFFERENCE,
     FREQUENCY,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
-from gantrysim.engine.native.hook import Interrupted, installed_law, installed_tick
+from gantrysim.engine.native.callback import Interrupted, installed_law, installed_tick
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.machine.row import MISSED, NOT_IN_MODEL
@@ -37,7 +37,7 @@ class Steps(Protocol):
     def most_steps(self) -> int: ...
 
     def hook(self) -> AbstractContextManager[Interrupted]:
-        """Return a context in which they can be stepped, see `gantrysim.engine.native.hook`."""
+        """Return a context in which they can be stepped, see `gantrysim.engine.native.callback`."""
 
     def step(self, steps: int, numbers: Numbers) -> None:
         """Make a number of physics steps of some of them."""

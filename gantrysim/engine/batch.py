@@ -118,7 +118,7 @@ def simulate_batch(
         raise InputError(f"device {device!r}: must be cpu or cuda")
     looping: type[LoopPlaces] = LoopPlaces
     if device == "cuda":
-        from gantrysim.engine.device_places import DevicePlaces, check_device
+        from gantrysim.engine.device import DevicePlaces, check_device
 
         check_device()
         looping = DevicePlaces

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.engine.native.faults import fault_stage
+from gantrysim.engine.native.functions import fault_stage
 from gantrysim.engine.native.stages import Stage
 from gantrysim.faults import InjectedFault, in_acting_order
 from gantrysim.faults.fault import FaultAxis

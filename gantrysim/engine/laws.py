@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.engine.native.laws import add_fed_torque, base_stage, feed_stage, law_stage
+from gantrysim.engine.native.functions import add_fed_torque, base_stage, feed_stage, law_stage
 from gantrysim.engine.native.stages import Body, Stage
 from gantrysim.machine.row import LAW
 from gantrysim.servo.laws import PID

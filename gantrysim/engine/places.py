@@ -19,7 +19,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, whole_number
 from gantrysim.engine.advance import MOST_STEPS, Numbers, advance, step_or_take_back
 from gantrysim.engine.linear import Engine, Linear, linear_machine
-from gantrysim.engine.native.hook import Interrupted, installed_tick
+from gantrysim.engine.native.callback import Interrupted, installed_tick
 from gantrysim.engine.native.plant import PLACE, STATE, loop
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
@@ -108,7 +108,7 @@ class Places(ABC):
 
     @abstractmethod
     def hook(self) -> AbstractContextManager[Interrupted]:
-        """Return a context in which the places can be stepped, see `gantrysim.engine.native.hook`."""
+        """Return a context in which the places can be stepped, see `gantrysim.engine.native.callback`."""
 
     @abstractmethod
     def step(self, steps: int, numbers: Numbers) -> None:

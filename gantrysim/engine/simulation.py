@@ -21,8 +21,7 @@ from gantrysim.engine.laws import law_entries
 from gantrysim.engine.linear import Linear, linear_machine
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
-from gantrysim.faults import InjectedFault
-from gantrysim.faults.checks import check_faults
+from gantrysim.faults import InjectedFault, check_faults
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_STIFFNESS, MOTOR_CONSTANT, STRIBECK, activation_slots, driven_joints

@@ -14,9 +14,9 @@ from gantrysim.base.errors import GantryError
 from gantrysim.engine.drives import drive_stages
 from gantrysim.engine.laws import law_stages
 from gantrysim.engine.native.callback import magic
+from gantrysim.engine.native.functions import CalledLaw
 from gantrysim.engine.native.stages import Body, Stage, arm
 from gantrysim.engine.native.supervision import gate_stage, position_error_stage, wait_at_gate, watch_position_error
-from gantrysim.engine.native.user import CalledLaw
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.row import (
     FAULTS,

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
+from gantrysim.env.decision import Entry, EpisodeState, Outcome
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.glue import BEAD, PIECE, PIECES, SIGHT, WIDTHS, Camera, Glue, LaidBead, Program, lay
-from gantrysim.env.look_ahead import LimitedSpeed, PathsAhead, ahead_entries
-from gantrysim.env.observation import Entry
-from gantrysim.env.outcome import EpisodeState, Outcome
+from gantrysim.env.look_ahead import LimitedSpeed, PathsAhead, Rows, ahead_entries
 from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
-from gantrysim.env.rows import Rows
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv

@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.errors import GantryError, InputError
 from gantrysim.engine.places import places_of
 from gantrysim.engine.simulate import perfect_follower
+from gantrysim.env.decision import Ends, Entry, EpisodeState, IntervalValues, Outcome
 from gantrysim.env.episodes import Chosen, Episode, Source
 from gantrysim.env.interval import AXIS_VALUES, NOT_MEASURED, PATH_VALUES, SPAN, measure, measuring_stage
-from gantrysim.env.observation import Entry, IntervalValues
-from gantrysim.env.outcome import Ends, EpisodeState, Outcome
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive
+from gantrysim.env.decision import Entry, IntervalValues, Outcome
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, SCALED_BY, TUNED_GAINS, Source
-from gantrysim.env.observation import Entry, IntervalValues
-from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.settings import PathSettings

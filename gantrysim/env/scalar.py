@@ -1,10 +1,11 @@
-"""Base class of the environments: one episode at a time."""
+"""Base class of the environments, one episode at a time, and what Gymnasium knows of it."""
 
 from __future__ import annotations
 
 import math
 import os
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import gymnasium
@@ -15,17 +16,24 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from gantrysim.base.errors import GantryError, InputError, unknown
+from gantrysim.env.decision import EpisodeState
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
-from gantrysim.env.outcome import EpisodeState
 from gantrysim.env.settings import PathSettings
-from gantrysim.env.spec import with_bound
+from gantrysim.job.job import Job
 from gantrysim.record.run import Run
 
 Observation = NDArray[np.float32]
 
 OPTIONS = ("spiral", "machine", "task")
+
+
+def with_bound(spec: EnvSpec, longest: int) -> EnvSpec:
+    """Return a specification with the largest number of decisions in an episode, and a job as JSON can hold it."""
+    job = spec.kwargs.get("job")
+    kwargs = {**spec.kwargs, "job": job.model_dump(exclude_none=True)} if isinstance(job, Job) else spec.kwargs
+    return replace(spec, max_episode_steps=spec.max_episode_steps or longest, kwargs=kwargs)
 
 
 class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.engine.simulation import Simulation
+from gantrysim.env.decision import Entry, Outcome
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
 from gantrysim.env.friction import SUMS, ChangingFriction, fit, model_torques, next_means
-from gantrysim.env.observation import Entry
-from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv

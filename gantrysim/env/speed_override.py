@@ -18,12 +18,11 @@ from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import LogBook
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.engine.simulation import Simulation
+from gantrysim.env.decision import Entry, EpisodeState, Outcome
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
 from gantrysim.env.friction import ChangingFriction
 from gantrysim.env.look_ahead import PathsAhead, ahead_entries
-from gantrysim.env.observation import Entry
-from gantrysim.env.outcome import EpisodeState, Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.track import Commanded, Track, Tracks, command

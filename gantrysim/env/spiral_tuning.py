@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.errors import InputError, between, finite, positive
+from gantrysim.env.decision import Entry, Outcome
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
 from gantrysim.env.friction import model_torques
 from gantrysim.env.inertia import MOST_PAYLOAD, SUMS, ChangingPayload, Decay, Motion, Nominal, fit, next_motion, ratios
 from gantrysim.env.look_ahead import PathsAhead, ahead_entries
-from gantrysim.env.observation import Entry
-from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.settings import Bounds, PathSettings

@@ -16,11 +16,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from gantrysim.base.errors import GantryError, InputError, unknown, whole_number
+from gantrysim.env.decision import EpisodeState
 from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
-from gantrysim.env.outcome import EpisodeState
-from gantrysim.env.scalar import OPTIONS, PathEnv, chosen_in
-from gantrysim.env.spec import with_bound
+from gantrysim.env.scalar import OPTIONS, PathEnv, chosen_in, with_bound
 from gantrysim.record.run import Run
 
 Observations = NDArray[np.float32]

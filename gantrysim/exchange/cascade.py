@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping, Sequence
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.heads import NUMBER
 from gantrysim.exchange.dialect import AxisServo, Dialect, Word, by_name
 from gantrysim.servo.gains import GAIN_NAMES
+from gantrysim.tables.units import NUMBER
 
 _SOFTMC = ("KPP", "KPI", "KVP", "KPVFR", "KPAFR")
 _OF_DRIVE = "KVI"  # of the integral term that a velocity loop in the drive has

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from gantrysim.base.errors import InputError, expanded_path
-from gantrysim.base.heads import NUMBER
 from gantrysim.exchange.dialect import AxisLimits, AxisServo, Dialect, Word, by_name
 from gantrysim.exchange.included import IncludedFiles
+from gantrysim.tables.units import NUMBER
 
 # INI files of LinuxCNC: sections, units, which joint is which axis, and limits of speed and acceleration.
 

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.heads import NUMBER
 from gantrysim.exchange.dialect import AxisServo, Dialect, Word
+from gantrysim.tables.units import NUMBER
 
 FULL_SCALE = 2048.0  # of the DAC at the limit of torque or speed
 

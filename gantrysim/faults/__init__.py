@@ -3,24 +3,22 @@
 Times are those of the run. Faults of the encoder, the drive, the axis and the setpoints begin and end with a servo
 tick, the first at or after their time; faults of the dispenser at their very time.
 
-A new fault is a file here, and its line in `AnyFault` below.
+A file holds the faults of one part of the machine. A new fault is a class there, and its line in `AnyFault` below.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, TypeAlias
 
-from gantrysim.faults.air_bubble import ATMOSPHERE, AirBubble
-from gantrysim.faults.bus_sag import BusSag
-from gantrysim.faults.clogged_nozzle import CloggedNozzle
-from gantrysim.faults.dripping_nozzle import DrippingNozzle
-from gantrysim.faults.encoder_dropout import EncoderDropout
-from gantrysim.faults.encoder_glitch import EncoderGlitch
-from gantrysim.faults.encoder_slip import EncoderSlip
+from gantrysim.base.errors import InputError, unknown
+from gantrysim.faults.axis import SlippingAxis, StuckAxis
+from gantrysim.faults.dispenser import ATMOSPHERE, AirBubble, CloggedNozzle, DrippingNozzle
+from gantrysim.faults.drive import BusSag, OpenWinding
+from gantrysim.faults.encoder import EncoderDropout, EncoderGlitch, EncoderSlip
 from gantrysim.faults.fault import InjectedFault
-from gantrysim.faults.lost_packets import LostPackets
-from gantrysim.faults.open_winding import OpenWinding
-from gantrysim.faults.slipping_axis import SlippingAxis
-from gantrysim.faults.stuck_axis import StuckAxis
+from gantrysim.faults.setpoints import LostPackets
 
 # In the order in which they act on the same value: an encoder that stands still reports no glitch, an open winding has
 # no voltage, and a clogged nozzle holds back its share of what drips too.
@@ -47,3 +45,46 @@ def in_acting_order(faults: Any) -> list[InjectedFault]:
     """Return faults in the order in which they act on the same value; those of one kind as they are given."""
     kinds = list(KINDS)
     return sorted(faults, key=lambda fault: kinds.index(fault.kind))
+
+
+def fault_of(table: Any) -> InjectedFault:
+    """Return the fault of a table of its values.
+
+    Raises:
+        InputError: an unknown kind, or a value out of bounds.
+        TypeError: a value that is missing, or an unknown one.
+    """
+    if not isinstance(table, dict):
+        raise InputError(f"fault {table!r}: must be a table of its values")
+    kind = str(table.get("kind"))
+    if kind not in KINDS:
+        raise unknown("fault", kind, KINDS)
+    fault: InjectedFault = KINDS[kind](**table)
+    return fault
+
+
+def check_faults(
+    faults: Sequence[InjectedFault], machine: str, axes: Sequence[str], longest: float
+) -> tuple[InjectedFault, ...]:
+    """Return faults, checked against a run, in their order.
+
+    Args:
+        faults: the faults.
+        machine: name of the machine, for messages.
+        axes: names of its axes.
+        longest: longest duration of the run [s].
+
+    Raises:
+        InputError: one that is no fault, of an axis that the machine does not have, or after the end of the run.
+    """
+    for fault in faults:
+        if not isinstance(fault, InjectedFault):
+            raise InputError(f"faults: holds a {type(fault).__name__}: must be faults such as {', '.join(KINDS)}")
+        axis = getattr(fault, "axis", None)
+        if axis is not None and axis not in axes:
+            raise InputError(f"fault {fault.kind}: axis = {axis!r}: machine {machine} has {', '.join(axes)}")
+        if fault.time > longest:
+            raise InputError(
+                f"fault {fault.kind}: time = {fault.time:g} s: must be at most {longest:g} s, the run's length"
+            )
+    return tuple(faults)

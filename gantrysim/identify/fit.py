@@ -1,8 +1,11 @@
 """Fits the model of an axis to a log of its torque and position, by prediction error.
 
-The parameters that a log shows best come first: inertia, friction and delay of a rigid axis; then the mode, from a grid
-around that of the MJCF, as the cost has several valleys; last a backlash, where the residual is not white.
+The fit starts from a linear regression of the torque. The parameters that a log shows best come first: inertia,
+friction and delay of a rigid axis; then the mode, from a grid around that of the MJCF, as the cost has several valleys;
+last a backlash, where the residual is not white.
 """
+
+# ruff: noqa: N806 - matrices bear the letters of the equations
 
 from __future__ import annotations
 
@@ -11,19 +14,24 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.identify.friction_law import FrictionLaw, friction_law
 from gantrysim.identify.minimum import Minimum, PredictionError, refined_minimum
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.pieces import WHOLE, Starts, bounds
+from gantrysim.identify.pieces import WHOLE, Starts, bounds, by_piece, gradient, inside, smoothed
 from gantrysim.identify.prediction import Course, first_speed
-from gantrysim.identify.regression import in_motion, regression
 from gantrysim.identify.result import MODE, PARAMETERS, WHITE, AxisFit, Estimate
 from gantrysim.identify.torque_regression import TorqueRegression
 from gantrysim.identify.whiteness import LAGS
 
+_WIDTH = 0.004  # standard deviation of the filter for differentiation [s]
+_MOVING = 0.02  # share of the highest speed from which an axis slides
+_AROUND = 0.02  # time around a motion that counts as its own [s]
+_SLIDING = 0.9  # share of the samples around one that must be in motion
+_LEAST_SAMPLES = 500
 _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
 _SHARES = (0.7, 1.0, 1.4)
 # Reach of a log, of its sampling rate. A held demand is known between its samples; the torque of a motor is not: linear
@@ -47,6 +55,55 @@ _FIRST_EVALUATIONS = 6  # evaluations of a first fit
 _UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
 
 _RIGID = ("inertia", "viscous", "coulomb", "excess", "offset", "delay")
+
+
+def regression(
+    position: Floats, torque: Floats, period: float, starts: Starts = WHOLE
+) -> tuple[float, float, float, float]:
+    """Return J, b, Fc and offset of torque = J a + b v + Fc sign v + offset, by least squares [N·m and u].
+
+    Position, sign and torque pass the same zero-phase filter, a Gaussian; v and a are central differences. Samples near
+    rest are left out.
+
+    Args:
+        position: (n,) [u].
+        torque: (n,) [N·m].
+        period: of the samples [s].
+        starts: of the pieces.
+
+    Raises:
+        InputError: a log without motion.
+    """
+    width = _WIDTH / period
+    if position.size < max(8 * width, _LEAST_SAMPLES):
+        raise InputError(f"log of {position.size} samples: must have at least {max(8 * width, _LEAST_SAMPLES):.0f}")
+    # the same zero-phase filter for all three, so that none is late against the others
+    sign = smoothed(np.sign(gradient(position, 1.0, starts)), width, starts)
+    smooth = smoothed(torque, width, starts)
+    speed = gradient(smoothed(position, width, starts), period, starts)
+    acceleration = gradient(speed, period, starts)
+    least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
+    slides = np.abs(speed) > least
+    chosen = smoothed(slides.astype(np.float64), width, starts) > _SLIDING
+    # the filter reaches beyond the log
+    chosen &= inside(position.size, starts, round(4 * width))
+    if not least > 0 or chosen.sum() < 8 * width:
+        raise InputError("the axis hardly moves: the log must hold moves to and fro at several speeds")
+    A = np.stack([acceleration, speed, sign, np.ones_like(speed)], axis=1)[chosen]
+    inertia, viscous, coulomb, offset = np.linalg.lstsq(A, smooth[chosen], rcond=None)[0].tolist()
+    return inertia, viscous, coulomb, offset
+
+
+def in_motion(position: Floats, period: float, resolution: float, starts: Starts = WHOLE) -> NDArray[np.bool_]:
+    """Return whether each sample is near a motion of more than a count per few samples, (n,) bool."""
+    reach = max(round(_AROUND / period), 1)
+
+    def farthest(piece: Floats) -> Floats:
+        after = np.concatenate([piece[reach:], np.full(min(reach, piece.size), piece[-1])])
+        before = np.concatenate([np.full(min(reach, piece.size), piece[0]), piece[:-reach]])
+        return np.maximum(np.abs(after - piece), np.abs(piece - before))
+
+    return np.asarray(by_piece(farthest, position, starts) > max(4 * resolution, 1e-12))
 
 
 @dataclass(frozen=True, eq=False)

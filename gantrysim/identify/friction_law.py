@@ -26,7 +26,7 @@ from gantrysim.identify.friction_terms import (
     STRIBECK,
     Term,
 )
-from gantrysim.identify.parts import as_wide, partitions
+from gantrysim.identify.pieces import as_wide, partitions
 from gantrysim.identify.result import Estimate, FrictionLaw
 from gantrysim.identify.torque_regression import NAMES, Solution, TorqueRegression
 

@@ -14,10 +14,10 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.checks.judgement import Judgement, judged_fit
+from gantrysim.identify.checks.residual import explained_residual
 from gantrysim.identify.checks.sampling import CHECK as SAMPLING
 from gantrysim.identify.checks.sampling import check_encoder, check_excitation, check_sampling, check_torque
 from gantrysim.identify.checks.units import check_columns, check_inertia, check_swapped, check_travel, inertia_ratio
-from gantrysim.identify.explained import explained_residual
 from gantrysim.identify.fit import AxisLog, fit_axis
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel, model_of

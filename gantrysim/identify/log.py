@@ -14,7 +14,6 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive, unknown
 from gantrysim.base.files import replaced_file
-from gantrysim.base.heads import spaced_name
 from gantrysim.identify.instants import instants_of
 from gantrysim.identify.sizes import times_words
 from gantrysim.machine.axis import Axis
@@ -22,7 +21,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.tables.column_table import SAMPLES, ColumnTable, Source
 from gantrysim.tables.reading import read_table
-from gantrysim.tables.units import ANGLE, COUNTS, KINDS, LENGTH, SI, SPEED, TIME, TURNING
+from gantrysim.tables.units import ANGLE, COUNTS, KINDS, LENGTH, SI, SPEED, TIME, TURNING, spaced_name
 from gantrysim.tables.units import TORQUE as TORQUE_UNIT
 
 DEMAND = "demand"

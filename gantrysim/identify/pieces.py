@@ -1,4 +1,8 @@
-"""Filters over a log of several pieces, between which rows are missing: none reaches from one piece into another."""
+"""A log in pieces and parts: filters within its pieces, and masks of the samples that differ in one quantity.
+
+Between the pieces of a log rows are missing, and no filter reaches from one into another. Its parts differ in time,
+direction, speed, place or torque.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from gantrysim.base.arrays import Floats
 
 Starts = tuple[int, ...]  # rows at which a piece begins, rising from 0
 WHOLE: Starts = (0,)
+_SMOOTH = 0.004  # standard deviation of the filter of speed and torque that sort samples [s]
 
 
 def by_piece(function: Callable[[Floats], Floats], values: Floats, starts: Starts) -> Floats:
@@ -51,3 +56,42 @@ def bounds(size: int, starts: Starts) -> list[slice]:
 def longest_piece(size: int, starts: Starts) -> slice:
     """Return the rows of the longest piece."""
     return max(bounds(size, starts), key=lambda piece: piece.stop - piece.start)
+
+
+def partitions(
+    position: Floats, torque: Floats, used: NDArray[np.bool_], period: float, starts: Starts = WHOLE
+) -> dict[str, list[NDArray[np.bool_]]]:
+    """Return masks over all samples, (n,) each, by the quantity in which parts differ; samples at rest are in none.
+
+    Args:
+        position: (n,) [u].
+        torque: (n,) [N·m].
+        used: whether a sample is in motion, (n,) bool.
+        period: of the samples [s].
+        starts: of the pieces.
+    """
+    width = max(_SMOOTH / period, 1.0)
+    speed = smoothed(gradient(position, period, starts), width, starts)
+    size = np.abs(smoothed(torque, width, starts))
+    time = np.arange(used.size, dtype=np.float64)
+    return {
+        "time": _as_many(time, used, 3),
+        "direction": [used & (speed < 0), used & (speed >= 0)],
+        "speed": _as_many(np.abs(speed), used, 3),
+        "position": as_wide(position, used, 4),
+        "torque": _as_many(size, used, 3),
+    }
+
+
+def _as_many(values: Floats, used: NDArray[np.bool_], count: int) -> list[NDArray[np.bool_]]:
+    """Return masks of parts with as many samples each."""
+    edges = np.quantile(values[used], np.linspace(0, 1, count + 1)[1:-1])
+    number = np.searchsorted(edges, values)
+    return [used & (number == k) for k in range(count)]
+
+
+def as_wide(values: Floats, used: NDArray[np.bool_], count: int) -> list[NDArray[np.bool_]]:
+    """Return masks of parts that span as much of the values' range each."""
+    edges = np.linspace(values[used].min(), values[used].max(), count + 1)[1:-1]
+    number = np.searchsorted(edges, values)
+    return [used & (number == k) for k in range(count)]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.base.heads import spaced_name
 from gantrysim.base.progress import Progress
 from gantrysim.base.quantity import number_text
 from gantrysim.engine.simulate import simulate
@@ -32,6 +31,7 @@ from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.laws.user import PlainLaw
 from gantrysim.servo.servo import Servo
 from gantrysim.tables.reading import read_table
+from gantrysim.tables.units import spaced_name
 
 # The log, with the command that was sent.
 

@@ -30,6 +30,5 @@ from gantrysim.metrics.circular import (
     minimum_zone,
 )
 from gantrysim.metrics.parts import BudgetValues, Part, PartValues, TurnValues
-from gantrysim.metrics.positioning import Positioning
-from gantrysim.metrics.repeatability import RepeatedPath, interpolated, offset_over_length
+from gantrysim.metrics.repeatability import Positioning, RepeatedPath, interpolated, offset_over_length
 from gantrysim.metrics.spacing import Spacing, spacing

@@ -386,6 +386,6 @@ class Runs(list[Run]):
         # before the figures, which take longer
         with extra("tables", "Runs.to_frame"):
             import pandas
-        from gantrysim.study.figures import figures
+        from gantrysim.study.cases import figures
 
         return pandas.DataFrame([figures(run) for run in self])

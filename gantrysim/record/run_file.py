@@ -21,7 +21,7 @@ from gantrysim.base.arrays import read_only
 from gantrysim.base.columns import FileTable, Stored, array_of, blocks
 from gantrysim.base.errors import InputError, text_of
 from gantrysim.base.quantity import number_text
-from gantrysim.faults.checks import fault_of
+from gantrysim.faults import fault_of
 from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.setpoints import progress_fault
 

@@ -8,7 +8,7 @@ from gantrysim.base.errors import GantryError
 from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
-from gantrysim.remedy.levers.numbers import value_of
+from gantrysim.remedy.lever import value_of
 from gantrysim.results.glue_causes import without_dead_time, without_lag
 from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import GLUE, PATH, STABILITY, Verdict

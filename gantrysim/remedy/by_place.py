@@ -10,6 +10,8 @@ stretch may use follows from what the path has used.
 Every run is that of the program as it would be written: with speeds of few digits, and few changes of the speed. Where
 the program sets the flow by an output, each line states the set point that keeps the section at its speed; where that
 is no better, or there is no such output, the flow follows the speed by itself.
+
+It is written to two files: a job, and the program for the controller.
 """
 
 from __future__ import annotations
@@ -18,26 +20,27 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, InputError
+from gantrysim.base.files import replaced_file
 from gantrysim.controllers.speeds import Stretches
 from gantrysim.engine.recording import dispensed_otherwise
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.lever import State
-from gantrysim.remedy.levers.flow import PROPORTIONAL_FLOW
-from gantrysim.remedy.local_usage import LocalUsage, local_usage
+from gantrysim.remedy.levers.dispenser import PROPORTIONAL_FLOW
 from gantrysim.remedy.outcome import Motion, Outcome
-from gantrysim.remedy.speed_model import TARGET, SpeedModel
-from gantrysim.remedy.speed_plan import few_speeds
+from gantrysim.remedy.speed_model import TARGET, LocalUsage, SpeedModel, few_speeds, local_usage
 from gantrysim.results.verdict import PATH
 
 RUNS = 8
+BY_PLACE = "by-place"  # end of the names of the written files
 _WORTH = 0.7  # share of the burden that is left at most where slow starts and stops help
 _FACTORS = (0.5, 0.85, 1.2, 1.4)  # bounds of the second run's factor, below and above 1
 _SLOWEST = 0.05  # of the programmed speed
@@ -426,3 +429,47 @@ def _with_program(job: Job, arguments: Mapping[str, Any]) -> Job:
 def _p95_usage(outcome: Outcome) -> float:
     assert outcome.verdict is not None
     return next((check.usage for check in outcome.verdict[PATH].checks if check.name == "path_p95"), math.nan)
+
+
+def write_by_place(by_place: SpeedByPlace, stem: Path, base: Job) -> list[Path]:
+    """Write STEM.toml, for `gantrysim run`, and the program in the controller's language where it has one.
+
+    Args:
+        by_place: the program.
+        stem: path of the files without their suffixes.
+        base: the job as it was loaded, whose files stay.
+
+    Returns:
+        The paths, that of the job first.
+
+    Raises:
+        InputError: one of them is the file from which the job was loaded.
+    """
+    job = by_place.job
+    contents = {stem.with_name(f"{stem.name}.toml"): job.toml()}
+    text = job.controller.program_text
+    if text:
+        contents[stem.with_name(f"{stem.name}{_suffix(base)}")] = text
+    for path in contents:
+        if path.exists() and any(file.exists() and path.samefile(file) for file in _files_of(base)):
+            raise InputError(f"{path}: is a file of the job; give another name")
+    for path, content in contents.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replaced_file(path) as partial:
+            partial.write_text(content, encoding="utf-8")
+    return list(contents)
+
+
+def _files_of(job: Job) -> list[Path]:
+    """Return the files from which a job was loaded: its own, and that of its program."""
+    if job.given is None:
+        return []
+    file = Path(job.given.label.removeprefix("job "))
+    source = job.given.file.get("source")
+    return [file] if source is None else [file, file.parent / str(source)]
+
+
+def _suffix(base: Job) -> str:
+    """Return the suffix of the program's own file, else one that its controller reads."""
+    suffix = Path(base.given.program_file).suffix if base.given is not None and base.given.program_file else ""
+    return suffix or base.controller.program_suffix

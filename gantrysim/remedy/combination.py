@@ -20,9 +20,8 @@ from itertools import combinations as subsets
 
 from gantrysim.base.errors import GantryError
 from gantrysim.job.job import Job
-from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import factor_text, rounded_number
-from gantrysim.remedy.levers.speed import FASTER, SLOWER, at_factor
+from gantrysim.remedy.lever import Effort, Lever, Setting, State, factor_text, rounded_number
+from gantrysim.remedy.levers.program import FASTER, SLOWER, at_factor
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.score import usage_of
 

@@ -22,8 +22,7 @@ from gantrysim.remedy.improvement import USAGE, Improvement, names_of, options
 from gantrysim.remedy.lever import FREE
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.report.answer import Remedy
-from gantrysim.report.changes import Changes
-from gantrysim.report.document import Section, Table, lead_of
+from gantrysim.report.document import Changes, Section, Table, lead_of
 from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.verdict import Verdict
 

@@ -1,20 +1,39 @@
-"""How the errors of a path depend on the speeds of its stretches, from the runs so far.
+"""Speeds by place: what a run uses of its tolerances along the path, how that depends on the speeds, and few of them.
 
 In a stretch at the speed v, an error uses the share u = a v^p of its limit; two runs with all speeds changed alike give
 a and p. Where p is near 0, as for friction, the speed does not matter. A change of the speed between two stretches adds
 to the errors beside it, in proportion to the change: it accelerates the axes along the path, and a flow that lags
 follows it late.
+
+The speeds are then written as people would write them: with few digits, and few changes along the program.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.controllers.speeds import Stretches
-from gantrysim.remedy.local_usage import EXPONENTS, HALVES, LEVEL, LocalUsage
+from gantrysim.glue.bead import Bead
+from gantrysim.job.tolerance import Tolerance
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.results.checks import NEAR_LIMIT
+from gantrysim.results.glue import BeadWidth
+
+LARGEST, LEVEL, WIDTH, ENDS = range(4)
+# powers of the speed with which these errors grow: the following error of a curve of the radius R is v² / (R k²); a
+# valve that is late by t switches v t late, and a flow that lags by t marks v t of the bead
+EXPONENTS = np.array([2.0, 2.0, 1.0, 1.0])
+HALVES = 2
+
+# share of a stretch's time below its level: the limit of 95 % is one of the whole path, and the reversal of an axis
+# takes more than 5 % of the time of a short stretch
+_LEVEL_SHARE = 80.0
 
 TARGET = 0.975 * NEAR_LIMIT  # share of a limit that a stretch is to use
 # exponents, as shares of those of the physics; below the first, the speed does not matter
@@ -30,6 +49,85 @@ _AT_SPEED = 0.97  # share of its speed that a stretch reaches which is not bound
 _CRUISE = 1.0  # share of the speed that the ramps reach
 _SLOW_END = 0.3  # share of the programmed speed
 _LEVELS = (0.7, 1.6)  # bounds of the level, as a share of the limit of 95 %
+
+_SPEED_DIGITS = 3  # of a speed
+_HALVINGS = 12
+_TIME_SHARE = 0.01  # share of the program's time that fewer changes of the speed may cost
+_SAME = 0.03  # share by which a speed may exceed the programmed one, which then stays
+
+
+@dataclass(frozen=True)
+class LocalUsage:
+    """Shares of the limits that a run uses by place.
+
+    Attributes:
+        shares: largest contour error, level of the contour error, width of the bead, starts and stops, in the halves of
+            each stretch, 0 where nothing is judged, (4, m, 2).
+        reached: fastest commanded speed in each stretch, 0 where no glue is laid, (m,) [mm/s].
+    """
+
+    shares: Floats
+    reached: Floats
+
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """Whether glue is laid in a stretch, (m,)."""
+        return self.reached > 0
+
+
+def local_usage(analysis: Analysis, bead: Bead, tolerance: Tolerance, stretches: Stretches) -> LocalUsage:
+    """Return what a complete run uses of its tolerances by place."""
+    count = stretches.ends.size
+    shares = np.zeros((len(EXPONENTS), count * HALVES))
+    contour = np.abs(analysis.nozzle.distance)
+    half = _halves(stretches, analysis.nozzle.s)
+    np.maximum.at(shares[LARGEST], half, contour / tolerance.path_max)
+    shares[LEVEL] = np.repeat(_levels(contour, half // HALVES, count), HALVES) / tolerance.path_p95
+    if bead.nominal > 0 and bead.total_volume > 0:
+        width = BeadWidth(bead, tolerance)
+        ticks = np.searchsorted(bead.length, bead.place[width.judged]).clip(0, bead.length.size - 1)
+        error = np.abs(width.error[width.judged])
+        np.maximum.at(shares[WIDTH], _halves(stretches, _feet(analysis, ticks)), error / tolerance.bead_width)
+        opening, closing = bead.stretches.T
+        stopped = closing[closing < len(bead.run.time)]
+        missing = np.abs(bead.missing_at_starts) / tolerance.start_length
+        excess = np.abs(bead.excess_at_stops) / tolerance.stop_length
+        np.maximum.at(shares[ENDS], _halves(stretches, _feet(analysis, opening)), missing)
+        np.maximum.at(shares[ENDS], _halves(stretches, _feet(analysis, stopped - 1)), excess)
+    return LocalUsage(shares.reshape(len(EXPONENTS), count, HALVES), _reached_speeds(analysis, stretches))
+
+
+def _halves(stretches: Stretches, s: Floats) -> NDArray[np.intp]:
+    """Index of the half of a stretch at arc lengths of the requested path, (n,)."""
+    index = stretches.at(s)
+    middle = stretches.ends[index] - 0.5 * stretches.lengths[index]
+    return HALVES * index + (s > middle)
+
+
+def _levels(error: Floats, index: NDArray[np.intp], count: int) -> Floats:
+    """Level of an error in each stretch, (count,)."""
+    levels = np.zeros(count)
+    order = np.argsort(index, kind="stable")
+    begins = np.searchsorted(index[order], np.arange(count + 1))
+    for k in range(count):
+        here = error[order[begins[k] : begins[k + 1]]]
+        if here.size:
+            levels[k] = np.percentile(here, _LEVEL_SHARE)
+    return levels
+
+
+def _feet(analysis: Analysis, ticks: NDArray[np.intp]) -> Floats:
+    """Arc lengths of the requested path of the nozzle at ticks, (n,) [mm]."""
+    return analysis.nozzle.s[np.searchsorted(analysis.ticks, ticks).clip(0, analysis.ticks.size - 1)]
+
+
+def _reached_speeds(analysis: Analysis, stretches: Stretches) -> Floats:
+    speeds = np.zeros(stretches.ends.size)
+    progress = analysis.progress
+    following = np.diff(analysis.ticks) == 1
+    steps = np.diff(progress)[following] / analysis.run.period
+    np.maximum.at(speeds, stretches.at(progress[:-1][following]), steps)
+    return speeds
 
 
 class SpeedModel:
@@ -184,3 +282,65 @@ class SpeedModel:
         self._ramps = np.where(bound, np.minimum(self._ramps, _CRUISE * reached), self._ramps)
         self._slowest = np.minimum(self._slowest, np.where(reached > 0, reached, np.inf))
         self._fastest = np.maximum(self._fastest, reached)
+
+
+def few_speeds(wanted: Mapping[int, float], stretches: Stretches) -> dict[int, float]:
+    """Return speeds that change as seldom as one percent of the program's time allows, none above those wanted.
+
+    Places that follow one another in the program are joined at the speed of the slowest, if theirs are alike.
+
+    Args:
+        wanted: fastest path speeds by place [mm/s].
+        stretches: of the program, whose speeds stay where they are just below those wanted.
+    """
+    lengths: dict[int, float] = {}
+    programmed: dict[int, float] = {}
+    rows = zip(stretches.places.tolist(), stretches.lengths.tolist(), stretches.speeds.tolist(), strict=True)
+    for place, length, speed in rows:
+        lengths[place] = lengths.get(place, 0.0) + length
+        programmed[place] = speed
+    places = sorted(wanted)
+    speeds = [_written_speed(wanted[place], programmed[place]) for place in places]
+
+    def time(speeds: Iterable[float]) -> float:
+        return sum(lengths[place] / speed for place, speed in zip(places, speeds, strict=True))
+
+    # the widest hysteresis that costs no more
+    allowed = (1 + _TIME_SHARE) * time(speeds)
+    low = 0.0
+    high = 1.0
+    joined = speeds
+    for _ in range(_HALVINGS):
+        share = 0.5 * (low + high)
+        trial = _merged_speeds(speeds, share)
+        if time(trial) > allowed:
+            high = share
+        else:
+            low = share
+            joined = trial
+    return dict(zip(places, joined, strict=True))
+
+
+def _merged_speeds(speeds: Sequence[float], share: float) -> list[float]:
+    """Return speeds of which neighbours that differ by at most a share of the fastest are one, the slowest of them."""
+    joined: list[float] = []
+    first = 0
+    while first < len(speeds):
+        low = high = speeds[first]
+        after = first + 1
+        while after < len(speeds) and min(low, speeds[after]) >= (1 - share) * max(high, speeds[after]):
+            low = min(low, speeds[after])
+            high = max(high, speeds[after])
+            after += 1
+        joined += [low] * (after - first)
+        first = after
+    return joined
+
+
+def _written_speed(wanted: float, programmed: float) -> float:
+    """Return the largest speed of few digits that is not above the one wanted."""
+    if programmed <= wanted < (1 + _SAME) * programmed:
+        return programmed
+    step = 10.0 ** (math.floor(math.log10(wanted)) + 1 - _SPEED_DIGITS)
+    # without the digits of a division
+    return float(f"{math.floor(wanted / step * (1 + 1e-12)) * step:.{_SPEED_DIGITS}g}")

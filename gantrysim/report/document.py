@@ -1,4 +1,4 @@
-"""The sections of a page: text, tables, figures and video."""
+"""The sections of a page: text, tables, figures and video; and what a search for changes in a job adds to it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SENTENCE_END = re.compile(r"(?<=[.!?])\s+(?=[A-Z])")
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gantrysim.report.answer import Answer
+    from gantrysim.report.answer import Answer, Remedy
     from gantrysim.report.plots.pictures import Plot
 
     Drawing: TypeAlias = Figure | Plot | Callable[[], Figure]
@@ -149,6 +149,19 @@ class Section:
         """Whether the section is nothing but a video, and that does not exist."""
         missing = self.video is not None and not self.video.exists()
         return missing and self.viewer is None and self.figure is None
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What a search for changes in a job has found.
+
+    Attributes:
+        remedy: in short, for the first screen.
+        section: in full.
+    """
+
+    remedy: Remedy
+    section: Section
 
 
 def lead_of(text: str) -> str:

@@ -19,7 +19,7 @@ from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import RUN
-from gantrysim.report.changes import Changes
+from gantrysim.report.document import Changes
 from gantrysim.report.summary import fault_summary, summary
 from gantrysim.results.run_results import RunResults
 

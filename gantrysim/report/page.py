@@ -15,8 +15,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.error_quantities import TORQUE_RIPPLE
 from gantrysim.report.answer import Answer, Remedy
 from gantrysim.report.causes import causes_section, glue_causes_section
-from gantrysim.report.changes import Changes
-from gantrysim.report.document import Column, Section, Table
+from gantrysim.report.document import Changes, Column, Section, Table
 from gantrysim.report.drawn_page import DrawnPage, draw_page
 from gantrysim.report.figures import Figures, section_name
 from gantrysim.report.plots.bead import draw_laid

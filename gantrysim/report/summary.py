@@ -18,8 +18,7 @@ from gantrysim.metrics.error_quantities import DURATION, END_POINT
 from gantrysim.metrics.parts import ERROR_SIZES
 from gantrysim.record.run import Run
 from gantrysim.report.causes import causes_section, causes_summary, glue_causes_section, glue_causes_summary
-from gantrysim.report.changes import Changes
-from gantrysim.report.document import Section
+from gantrysim.report.document import Changes, Section
 from gantrysim.report.headline import headline
 from gantrysim.report.scatter import scatter_section, scatter_summary
 from gantrysim.report.sections import faults_section

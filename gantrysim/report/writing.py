@@ -18,7 +18,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
 from gantrysim.report.answer import Answer
 from gantrysim.report.card import save_card
-from gantrysim.report.changes import Changes
+from gantrysim.report.document import Changes
 from gantrysim.report.figures import figures_ahead
 from gantrysim.report.folder import CARD, PLOTS, REPORT, output_folder, write_fault, write_run, write_summary
 from gantrysim.report.page import run_page, sections_with_figures

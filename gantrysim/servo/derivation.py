@@ -21,7 +21,7 @@ from gantrysim.servo.laws import PID
 from gantrysim.servo.laws.law import Law, LawDesign, Timing
 from gantrysim.servo.laws.selection import added_laws, linear_law
 from gantrysim.servo.laws.user import LawName
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.margins import NO_LOOP, LinearLaw, Margins, Plant, UnheldLaws
 from gantrysim.servo.stability.motion import Motion
 

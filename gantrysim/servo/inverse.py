@@ -10,7 +10,7 @@ from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.servo.laws.pid import terms
 from gantrysim.servo.laws.selection import base_response
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 
 _TAPS = 2**13  # of a zero-phase filter, on either side
 _LIMIT = 1e-2  # angle at which the limit of a filter at rest is taken, relative to the grid's first

@@ -39,7 +39,7 @@ from gantrysim.servo.request import (
     per_axis,
 )
 from gantrysim.servo.servo_design import check_margins, designed_parts, margins_at
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.motion import MODES, Drives
 
 _COMMON = ("period", "delay", "drive_period", "feedback_delay", "encoder_seed")  # keys of values for all axes

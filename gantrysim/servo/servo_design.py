@@ -35,7 +35,7 @@ from gantrysim.servo.laws.selection import Laws, added_laws, base_law
 from gantrysim.servo.notch import Notch
 from gantrysim.servo.request import Parts, ServoRequest, law_values, per_axis
 from gantrysim.servo.stability import margins as stability
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.margins import NO_LOOP, Margins, Plant, UnheldLaws
 from gantrysim.servo.stability.motion import MODES, Drives, Motion
 

@@ -3,11 +3,11 @@ from .backends import on_backend as on_backend
 from .cases import OK as OK
 from .cases import Case as Case
 from .cases import Row as Row
+from .cases import figures as figures
 from .cases import measure as measure
 from .cases import simulated as simulated
 from .cases import values_row as values_row
 from .circle import CircleStudy as CircleStudy
-from .figures import figures as figures
 from .laws import LawsStudy as LawsStudy
 from .ledger import Ledger as Ledger
 from .loop import LoopStudy as LoopStudy

@@ -1,4 +1,4 @@
-"""A case, one run of a study, and the row of values kept of it."""
+"""A case, one run of a study, and the row of values kept of it: the figures of a run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from functools import cache, lru_cache
 from importlib import metadata
 from typing import Any, Literal, Self
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, check_type
 from gantrysim.base.quantity import MEAN, Quantity, contents
 from gantrysim.glue.bead import Bead, BeadSettings
 from gantrysim.glue.bead.values import VOLUME_ERROR_PERCENT, WIDTH
@@ -21,7 +21,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import ERRORS, MOTION, of_axes
-from gantrysim.record.run import Run
+from gantrysim.record.run import Run, check_run
 from gantrysim.results.checks import Check
 from gantrysim.results.checks import Row as Aspect
 from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY, Verdict
@@ -333,3 +333,33 @@ def _changed_job(content: str, overrides: tuple[tuple[str, str], ...]) -> Job:
     """Return the job with its overrides; it shares the parts that these leave unchanged, such as a built machine."""
     unchanged = _job(content)
     return unchanged.changed({key: json.loads(value) for key, value in overrides}).sharing(unchanged)
+
+
+def figures(run: Run, machine: Machine | None = None) -> Row:
+    """Return the figures of a run as one flat row, by the keys that studies and summary.json have, see docs/values.md.
+
+    `status` comes first: "ok", "fault: ..." for a run that a fault ended, or "refused: ..." for one without glue; these
+    have no other figure. Errors, motion and bead follow, and of a run with a job its verdict.
+
+    Args:
+        run: the run; the bead and the limits are those of its job, if it has one.
+        machine: machine of the run if not its job's own; the stability margins of the verdict are computed for it.
+
+    Raises:
+        InputError: no run.
+    """
+    check_run(run)
+    if machine is not None:
+        check_type("machine", machine, Machine, "a Machine")
+
+    def values(run: Run) -> Row:
+        job = run.job
+        if job is None:
+            return values_row(run)
+        verdict = Verdict.of_results(job, run.budget, Bead(run, job.bead, run.budget.analysis), machine)
+        # errors that are not known keep no limit
+        if verdict.contradiction:
+            raise InputError(verdict.contradiction)
+        return {**values_row(run, job.bead), **verdict_columns(verdict)}
+
+    return judged_row(lambda: run, values)

@@ -11,9 +11,8 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.base.heads import NUMBER, name_and_unit
 from gantrysim.tables.text_table import BLANKS, GAPS, Dialect, TextTable
-from gantrysim.tables.units import SUFFIXES, TIME, factor, is_unit
+from gantrysim.tables.units import NUMBER, SUFFIXES, TIME, factor, is_unit, name_and_unit
 
 # Where a quantity stands in a table, as a user writes it: COLUMN, COLUMN[UNIT], COLUMN*FACTOR UNIT.
 

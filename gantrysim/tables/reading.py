@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from gantrysim.base.errors import InputError, expanded_path
-from gantrysim.base.heads import NUMBER
 from gantrysim.base.input_files import opened_file, read_text
 from gantrysim.tables.binary import binary_reader
 from gantrysim.tables.column_table import ColumnTable, numbered_columns
 from gantrysim.tables.text_table import BLANKS, Dialect, TextTable
+from gantrysim.tables.units import NUMBER
 
 # Logs of controllers that are no tables of rows: LinuxCNC's halscope, and dumps of the TABLE of Trio controllers.
 

@@ -1,4 +1,4 @@
-"""Units of the columns of a table, as factors to those of the package."""
+"""Names and units in the heads of a table's columns, and the units as factors to those of the package."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import re
 from collections.abc import Mapping
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.heads import NUMBER
 
 TIME = "s"
 LENGTH = "mm"
@@ -20,6 +19,12 @@ MASS = "mg"
 FLOW = "mm³/s"
 DENSITY = "g/cm³"
 NUMBER_OF = ""
+
+NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"  # regular expression of a decimal number
+
+_GAPS = re.compile(r"[\s_.]+")
+_OPENING = "[("
+_CLOSING = "])"
 
 # factors to s, mm, deg, N·m, mm/s, deg/s, kPa, mg, mm³/s and g/cm³; µ has two code points, of the micro sign and of
 # the Greek letter
@@ -77,6 +82,27 @@ COUNTS = ("counts", "count", "cts", "edges", "pulses", "pulse", "ticks", "tick",
 
 # units that may end a column's name without brackets, as in "time_ms"
 SUFFIXES = ("s", "ms", "us", "mm", "um", "deg", "Nm")
+
+
+def name_and_unit(head: str) -> tuple[str, str]:
+    """Return the name and the unit of a head such as "x position [mm]"; the unit is "" where none is in brackets.
+
+    The time is linear in the head's length, whatever brackets and blanks it has.
+    """
+    text = head.strip()
+    if not text.endswith(tuple(_CLOSING)):
+        return text, ""
+    inside = max(text.rfind(bracket, 0, -1) for bracket in _CLOSING) + 1
+    openings = [text.find(bracket, inside) for bracket in _OPENING]
+    if max(openings) < 0:
+        return text, ""
+    first = min(opening for opening in openings if opening >= 0)
+    return text[:first].rstrip(), text[first + 1 : -1].strip()
+
+
+def spaced_name(name: str) -> str:
+    """Return a name with single blanks for its blanks, underscores and points, such as "x position"."""
+    return _GAPS.sub(" ", name.strip())
 
 
 def factor(unit: str, kind: str, label: str, further: Mapping[str, float] | None = None) -> float:

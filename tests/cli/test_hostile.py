@@ -172,7 +172,7 @@ def test_a_style_sheet_still_hides_and_colours():
 
 
 def test_heads_of_100000_brackets_or_blanks():
-    from gantrysim.base.heads import name_and_unit
+    from gantrysim.tables.units import name_and_unit
 
     for filler in ("[", "(", "]", " ", "[ ", " ]", "[]", "x["):
         for last in ("", "x", "]", ")"):
@@ -191,7 +191,7 @@ HEADS = {
 
 @pytest.mark.parametrize("head", HEADS)
 def test_name_and_unit_of_a_head(head):
-    from gantrysim.base.heads import name_and_unit
+    from gantrysim.tables.units import name_and_unit
 
     assert name_and_unit(head) == HEADS[head]
 

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic.assembler import Assembler
-from gantrysim.controllers.basic.code import STATEMENT, ForLoop, Frame
+from gantrysim.controllers.basic.code import STATEMENT, Assembler, ForLoop, Frame
 from gantrysim.controllers.basic.operators import Operators, RankedOperator, of_values
 from gantrysim.controllers.basic.statements import Statements, with_keywords
 from gantrysim.controllers.basic.tasks import MOST_PER_TICK, Scheduler, StatementClock, Task

@@ -412,8 +412,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.env.episode_batch import EpisodeBatch
-from gantrysim.env.observation import Entry
-from gantrysim.env.outcome import Outcome
+from gantrysim.env.decision import Entry
+from gantrysim.env.decision import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import PathSettings
 from gantrysim.env.vector import PathVectorEnv

@@ -75,7 +75,7 @@ def test_an_unknown_device_is_refused(xy):
 
 def test_a_computer_without_a_gpu_is_told_so(xy, monkeypatch):
     from gantrysim import Servo
-    from gantrysim.engine.native.device import cuda
+    from gantrysim.engine.device import cuda
 
     monkeypatch.setattr(cuda, "is_available", lambda: False)
     with pytest.raises(InputError, match="device 'cuda': there is no NVIDIA GPU with its driver on this computer; "):

@@ -19,7 +19,7 @@ from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo_design import velocity_loop
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.margins import Plant, UnheldLaws, margins_of, with_velocity_loops
 from gantrysim.servo.stability.motion import Drives, LinearSystem
 from gantrysim.study.tuning.study import TuningStudy

@@ -10,7 +10,7 @@ import pytest
 
 from gantrysim import Fault, Machine, Servo, metrics, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.engine.native.hook import installed_tick
+from gantrysim.engine.native.callback import installed_tick
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.paths.arcs import ArcChain

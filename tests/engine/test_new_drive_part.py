@@ -75,10 +75,12 @@ def test_position_dependent_friction_is_added_by_three_files(tmp_path):
     drives = package / "engine" / "drives"
     (drives / "worn.py").write_text(WEAR)
     _insert(
-        drives / "__init__.py", "from gantrysim.engine.native.parts", "from gantrysim.engine.drives.worn import WORN\n"
+        drives / "__init__.py",
+        "from gantrysim.engine.native.functions",
+        "from gantrysim.engine.drives.worn import WORN\n",
     )
     _insert(drives / "__init__.py", "DRIVE = np.dtype(", "PARTS = (*PARTS, WORN)\n\n")
-    keys = package / "machine" / "design" / "transmission.py"
+    keys = package / "machine" / "design" / "table.py"
     _insert(keys, "    friction: NotNegative", '    wear: NotNegative = key("friction of worn guides [N/mm]", 0.0)\n')
     _insert(keys, '            "efficiency": self.efficiency', '            "wear": self.wear,\n')
     tables = [tmp_path / "worn.toml", tmp_path / "plain.toml"]

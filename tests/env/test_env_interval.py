@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from gantrysim.env import episode_batch
+from gantrysim.env.decision import IntervalValues
 from gantrysim.env.interval import AXIS_VALUES, PATH_VALUES, SPAN, measure
-from gantrysim.env.observation import IntervalValues
 from gantrysim.machine.row import ROW, Log
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.spirals import Involute

@@ -22,8 +22,8 @@ from gantrysim.faults import (
     OpenWinding,
     SlippingAxis,
     StuckAxis,
+    fault_of,
 )
-from gantrysim.faults.checks import fault_of
 from gantrysim.faults.fault import FaultAxis
 
 TEXTS = {

@@ -13,7 +13,7 @@ import pytest
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
 from gantrysim.identify.checks.parameters import torque_balance
-from gantrysim.identify.explained import explained_residual
+from gantrysim.identify.checks.residual import explained_residual
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of

@@ -17,15 +17,13 @@ from scipy.ndimage import uniform_filter1d
 
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
-from gantrysim.identify.fit import AxisLog, _revised_law, fit_axis
+from gantrysim.identify.fit import AxisLog, _revised_law, fit_axis, regression
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.minimum import PredictionError
 from gantrysim.identify.model import model_of
 from gantrysim.identify.plan import excitation
-from gantrysim.identify.prediction import Samples, innovations, prediction
-from gantrysim.identify.regression import regression
-from gantrysim.identify.small import kalman_gain, sampled_system
+from gantrysim.identify.prediction import Samples, innovations, kalman_gain, prediction, sampled_system
 from gantrysim.identify.torque_regression import NAMES as NAMES_OF_COLUMNS
 from gantrysim.identify.torque_regression import TorqueRegression
 from gantrysim.identify.whole_run import fitted_machine, write_machine

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gantrysim.identify.parts import partitions
+from gantrysim.identify.pieces import partitions
 
 PERIOD = 1e-3  # [s]
 

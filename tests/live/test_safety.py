@@ -10,8 +10,7 @@ from gantrysim import InputError
 from gantrysim.live.app import Hub, app_of
 from gantrysim.live.controls import Control, checked_values
 from gantrysim.live.draft import Draft
-from gantrysim.live.guard import TOKEN, Guard
-from gantrysim.live.serving import opened
+from gantrysim.live.serving import TOKEN, Guard, opened
 from gantrysim.live.store import LONGEST_UPLOAD, Store
 from gantrysim.live.worker import Message
 

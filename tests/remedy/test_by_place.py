@@ -11,8 +11,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.cli.main import app
 from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
-from gantrysim.remedy.by_place import RUNS, SpeedByPlace, speed_by_place
-from gantrysim.remedy.by_place_files import write_by_place
+from gantrysim.remedy.by_place import RUNS, SpeedByPlace, speed_by_place, write_by_place
 from gantrysim.remedy.outcome import Motion
 from gantrysim.remedy.report import remedy_of
 from gantrysim.study.speed.study import speed_changes

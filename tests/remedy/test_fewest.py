@@ -11,8 +11,8 @@ from gantrysim.engine.simulate import records_in_parts
 from gantrysim.remedy.combination import MOST_MOTIONS, Combinations, Pick, fewest_levers, merged_picks
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.lever import Lever, Setting, State
-from gantrysim.remedy.levers.speed import FASTER, SLOWER
-from gantrysim.remedy.levers.valve import LAG_COMPENSATION
+from gantrysim.remedy.levers.dispenser import LAG_COMPENSATION
+from gantrysim.remedy.levers.program import FASTER, SLOWER
 from gantrysim.remedy.outcome import Motion, judged_motion
 from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import motion_rows

@@ -13,8 +13,8 @@ from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.remedy.improvement import bound_of, controller_words
 from gantrysim.remedy.lever import State
 from gantrysim.remedy.levers import LEVERS
-from gantrysim.remedy.levers.speed import speed_changes
-from gantrysim.remedy.levers.valve import compensations
+from gantrysim.remedy.levers.dispenser import compensations
+from gantrysim.remedy.levers.program import speed_changes
 from gantrysim.results.score import usage_of
 
 from support.remedies import (

@@ -3,7 +3,7 @@
 import pytest
 
 from gantrysim import Job
-from gantrysim.remedy.by_place_files import _files_of
+from gantrysim.remedy.by_place import _files_of
 from gantrysim.remedy.improvement import changed_values, options, toml_lines, values_to_set
 from gantrysim.study.speed.study import speed_changes
 

@@ -5,9 +5,7 @@ import pytest
 
 from gantrysim.controllers.speeds import Stretches
 from gantrysim.remedy.by_place import _Search
-from gantrysim.remedy.local_usage import ENDS, LARGEST, LEVEL, WIDTH, LocalUsage
-from gantrysim.remedy.speed_model import TARGET, SpeedModel
-from gantrysim.remedy.speed_plan import few_speeds
+from gantrysim.remedy.speed_model import ENDS, LARGEST, LEVEL, TARGET, WIDTH, LocalUsage, SpeedModel, few_speeds
 
 BANDWIDTH = 150.0  # k of a first-order axis [rad/s]
 TOLERANCE = 0.02  # [mm]

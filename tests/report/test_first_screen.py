@@ -17,8 +17,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.answer import Answer, Remedy
 from gantrysim.report.card import HEIGHT, WIDTH, draw_card, save_card
-from gantrysim.report.changes import Changes
-from gantrysim.report.document import Section
+from gantrysim.report.document import Changes, Section
 from gantrysim.report.page import run_page
 from gantrysim.report.plots.bead import draw_laid
 from gantrysim.report.plots.pictures import plan_plot

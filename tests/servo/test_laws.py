@@ -22,7 +22,7 @@ from gantrysim.servo.laws.p_pi import as_pid, cascaded_torque
 from gantrysim.servo.laws.selection import law_names
 from gantrysim.servo.laws.zv import impulses
 from gantrysim.servo.laws.zvd import three_impulses
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.margins import margins_of
 
 from support.runs import PERIOD, ramp

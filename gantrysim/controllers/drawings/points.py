@@ -18,7 +18,6 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive, unknown
-from gantrysim.base.heads import name_and_unit
 from gantrysim.controllers.drawings.shapes import (
     FASTEST,
     LARGEST_COORDINATE,
@@ -30,7 +29,7 @@ from gantrysim.controllers.drawings.shapes import (
     bezier,
 )
 from gantrysim.tables.text_table import BLANKS, GAPS, Dialect, TextTable
-from gantrysim.tables.units import KINDS, LENGTH, TIME, factor
+from gantrysim.tables.units import KINDS, LENGTH, TIME, factor, name_and_unit
 
 # Points as a table: one in a row, with or without heads, in any dialect that a spreadsheet or a CAD program writes.
 #

@@ -2,7 +2,7 @@
 
 A new part is a file here, and its line in `PARTS` below. What it needs to know of the machine it reads from the MJCF,
 as a rule from a custom numeric with a value per actuator; a table states that with an entry in `facts` of
-`gantrysim.machine.design.transmission`.
+`gantrysim.machine.design.table`.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
@@ -24,7 +24,7 @@ from gantrysim.engine.drives.field import FIELD
 from gantrysim.engine.drives.part import MODE_NUMBERS, DrivenAxis, DrivePart
 from gantrysim.engine.drives.stepper import STEPPING
 from gantrysim.engine.drives.transmission import TRANSMISSION
-from gantrysim.engine.native.parts import with_parts
+from gantrysim.engine.native.functions import with_parts
 from gantrysim.engine.native.pointers import pointer, row_at, tape_of
 from gantrysim.engine.native.stages import Body, Stage, compiled_stage
 from gantrysim.machine.machine import Machine

@@ -13,7 +13,7 @@ from gantrysim.engine.drives.current_loop import follow_demand
 from gantrysim.engine.drives.encoder import read
 from gantrysim.engine.drives.field import field_at, turn_target
 from gantrysim.engine.drives.part import POSITION, VELOCITY, DrivenAxis, DrivePart
-from gantrysim.engine.native.parts import part
+from gantrysim.engine.native.functions import part
 from gantrysim.engine.native.pointers import gains_of
 from gantrysim.engine.native.stages import run_stages
 from gantrysim.engine.native.supervision import watch_oscillation

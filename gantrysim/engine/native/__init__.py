@@ -14,10 +14,10 @@ One field is `userdata`, an array of doubles that MuJoCo leaves to its user. It 
 carries its own servo, and any number of them can be stepped by any number of threads. A row begins with a magic number,
 by which the callback leaves all other models alone.
 
-`plant` makes the steps itself where all joints slide, with the same tick; `device` compiles both for a GPU.
+`plant` makes the steps itself where all joints slide, with the same tick; `engine/device.py` compiles both for a GPU.
 `pointers` turns addresses into arrays inside compiled code, `tick` is the tick, `supervision` a part of it, and
-`callback` makes it a callback. `parts` compiles functions of laws and faults. `hook` registers the callback only while
-gantrysim steps.
+`callback` makes it a callback, which is registered only while gantrysim steps. `functions` compiles functions of laws
+and faults.
 """
 
 # before numba, which the modules of this room import: the first import of it is checked there

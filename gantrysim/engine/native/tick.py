@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.base.jit import jit
-from gantrysim.engine.native.laws import take
-from gantrysim.engine.native.parts import part
+from gantrysim.engine.native.functions import part, take
 from gantrysim.engine.native.pointers import call, gains_of, tape_of
 from gantrysim.engine.native.stages import has_stages, run_stages
 from gantrysim.engine.native.supervision import trip, watch_oscillation

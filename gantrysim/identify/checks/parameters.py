@@ -13,8 +13,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import FRICTION, VISCOUS, Doubt, Finding
 from gantrysim.identify.friction_terms import CONFIDENCE
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.parts import partitions
-from gantrysim.identify.pieces import Starts, around, by_piece, gradient, inside, smoothed
+from gantrysim.identify.pieces import Starts, around, by_piece, gradient, inside, partitions, smoothed
 from gantrysim.identify.prediction import effective_torque
 from gantrysim.identify.result import MODE, AxisFit, Estimate, Sensitivity
 from gantrysim.identify.sizes import change_words, times_words

@@ -6,6 +6,10 @@ predicts, is motion which this torque has not made: another axis, another clock,
 
 Inertia and friction stand on the torque of the sliding axis too, which a wrong mode, a backlash or coarse counts do not
 touch. Where that torque is balanced, a large or correlated residual forbids only the values that rest on predictions.
+
+What encoder counts and noise of the torque explain is found from the log: where the encoder stands still the torque of
+a servo is smooth, so that its scatter there is noise of the log. With that noise and the counts, the predictor's own
+variance is that of its errors where the model is right.
 """
 
 from __future__ import annotations
@@ -15,9 +19,10 @@ import math
 import numpy as np
 from scipy.signal import welch
 
+from gantrysim.base.arrays import Floats, spans
 from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
-from gantrysim.identify.explained import explained_residual
 from gantrysim.identify.pieces import longest_piece
+from gantrysim.identify.prediction import error_variance
 from gantrysim.identify.result import MODE, WHITE, AxisFit
 from gantrysim.identify.sizes import share_words, times_words
 from gantrysim.identify.whiteness import LAGS, correlation
@@ -172,3 +177,41 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
         reason = f"the residual is correlated by {colour:.2f}: must be at most {WHITE}"
         findings.append(Finding(RESIDUAL, PREDICTED if balanced else (), reason))
     return Doubt({}, findings)
+
+
+# What counts and torque noise explain of the residual.
+
+_SHORTEST_REST = 5  # shortest standstill that counts [samples]
+_SETTLING_SAMPLES = 1  # first samples of it, whose torque may answer to the last count
+_FEWEST_AT_REST = 40  # second differences at rest
+_SECOND_DIFFERENCE = math.sqrt(6)  # standard deviation of a second difference of white noise of 1
+
+
+def explained_residual(fit: AxisFit, period: float) -> float:
+    """Return the standard deviation of the residual that counts and torque noise explain, nan where none is known [u].
+
+    Args:
+        fit: of an axis.
+        period: of the log [s].
+    """
+    noise = _noise_at_rest(fit.position, fit.torque)
+    if math.isnan(noise):
+        return math.nan
+    steps = np.abs(np.diff(fit.position))
+    # of the log, which may differ from the table's
+    count = float(steps[steps > 1e-9].min(initial=math.inf))
+    size = count / math.sqrt(12) if math.isfinite(count) else fit.expected
+    return size * math.sqrt(error_variance(fit.predicted, noise / size, period))
+
+
+def _noise_at_rest(position: Floats, torque: Floats) -> float:
+    """Return the standard deviation of the torque's noise where the position stands still, nan without rest [N·m]."""
+    still = np.concatenate([[False], np.diff(position) == 0])
+    differences = []
+    for first, after in spans(still):
+        if after - first >= _SHORTEST_REST:
+            differences.append(np.diff(torque[first + _SETTLING_SAMPLES : after], 2))
+    scatter = np.concatenate(differences) if differences else np.zeros(0)
+    if scatter.size < _FEWEST_AT_REST:
+        return math.nan
+    return float(np.sqrt(np.mean(scatter**2))) / _SECOND_DIFFERENCE

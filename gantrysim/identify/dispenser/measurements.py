@@ -13,13 +13,24 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive, unknown
-from gantrysim.base.heads import spaced_name
 from gantrysim.glue.dispenser.dispenser import JET, PISTON, VALVE, VOLUMETRIC
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.tables.column_table import ColumnTable, Source
 from gantrysim.tables.reading import read_table
-from gantrysim.tables.units import DENSITY, FLOW, KINDS, LENGTH, MASS, NUMBER_OF, PRESSURE, SPEED, TIME, TURNING
+from gantrysim.tables.units import (
+    DENSITY,
+    FLOW,
+    KINDS,
+    LENGTH,
+    MASS,
+    NUMBER_OF,
+    PRESSURE,
+    SPEED,
+    TIME,
+    TURNING,
+    spaced_name,
+)
 
 # kinds of experiment
 WEIGHING = "weighing"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from gantrysim.machine.geometry import SCREWS
-from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import milliseconds, rounded_number
+from gantrysim.remedy.lever import Effort, Lever, Setting, State, milliseconds, rounded_number
 from gantrysim.results.verdict import PATH, STABILITY
 
 _DIVISORS = (2, 4)

@@ -1,12 +1,30 @@
-"""The program: acceleration and corners, by the arguments that its controller names."""
+"""The program: acceleration and corners, its speed, and its own loop.
+
+Acceleration and corners are changed by the arguments that the controller names. The flow follows the speed, so that
+the bead keeps its section. A loop commands its path in passes: its period, and the rounding of its waits.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 
-from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import factor_text, scaled_numbers, value_of
+from gantrysim.base.errors import InputError
+from gantrysim.controllers.loop_theory import LoopTheory
+from gantrysim.remedy.lever import (
+    Effort,
+    Lever,
+    Setting,
+    State,
+    factor_text,
+    milliseconds,
+    rounded_number,
+    scaled_numbers,
+    value_of,
+)
 from gantrysim.results.verdict import GLUE, MACHINE, PATH
+from gantrysim.study.speed.study import speed_changes
 
 _RAMPS = (0.25, 0.5, 2.0, 4.0)
 _CORNERS = (0.25, 0.5, 2.0)
@@ -67,5 +85,100 @@ CORNERS = Lever(
     cost="shape, or time",
     rows=(PATH, GLUE, MACHINE),
     settings=_corners,
+    effort=Effort.PROCESS,
+)
+
+
+_SLOWER = (0.84, 0.71, 0.5)
+_FASTER = (1.41,)
+
+
+def _at_factors(factors: tuple[float, ...]) -> Callable[[State], list[Setting] | str]:
+    def settings(state: State) -> list[Setting] | str:
+        try:
+            speed = state.job.controller.programmed_speed
+        except InputError:
+            return "the program states no path speed"
+        changes = {factor: speed_changes(state.job, rounded_number(factor * speed)) for factor in factors}
+        return [Setting(factor_text(factor), values) for factor, values in changes.items()]
+
+    return settings
+
+
+SLOWER = Lever(
+    name="slower",
+    meaning="speed of the program, with the flow that keeps the bead's section",
+    cost="cycle time",
+    rows=(PATH, GLUE, MACHINE),
+    settings=_at_factors(_SLOWER),
+    effort=Effort.PROCESS,
+)
+FASTER = Lever(
+    name="faster",
+    meaning="speed of the program, with the flow that keeps the bead's section",
+    cost="following error",
+    rows=(GLUE,),
+    settings=_at_factors(_FASTER),
+)
+
+
+def at_factor(factor: float) -> Lever:
+    """Return the lever of the speed with one setting, a factor of the speed."""
+    return replace(FASTER if factor > 1 else SLOWER, settings=_at_factors((factor,)))
+
+
+_LOOP_PERIODS = (2.0, 0.5, 0.2, 0.1, 0.05)  # of the present one
+
+
+def _loop_theory(state: State) -> LoopTheory | None:
+    controller = state.job.controller
+    return type(controller).loop_theory(controller.arguments())
+
+
+def _no_loop(state: State) -> str:
+    """Return why a program has no loop that can be varied."""
+    loop = state.job.controller.loop_line()
+    if loop is None:
+        return "the program commands its path without a loop"
+    number, line = loop
+    return f"the program's own loop, line {number}, {line}, stands in its text"
+
+
+def _periods(state: State) -> list[Setting] | str:
+    if _loop_theory(state) is None:
+        return _no_loop(state)
+    period = float(state.job.program["loop_period"])
+    if not period:
+        return "the program is the continuous limit of its loop"
+    values = [rounded_number(factor * period) for factor in _LOOP_PERIODS]
+    return [Setting(milliseconds(value), {"program.loop_period": value}) for value in values]
+
+
+def _waits(state: State) -> list[Setting] | str:
+    theory = _loop_theory(state)
+    if theory is None:
+        return _no_loop(state)
+    if not theory.wait_resolution:
+        return "the loop's waits are exact"
+    return [
+        Setting(f"instead of {theory.wait}", {f"program.{key}": value for key, value in theory.exact_waits.items()})
+    ]
+
+
+LOOP_PERIOD = Lever(
+    name="loop period",
+    meaning="nominal time of a pass of the program's loop",
+    cost="computing time",
+    rows=(PATH, GLUE),
+    settings=_periods,
+    causes=("program",),
+)
+EXACT_WAITS = Lever(
+    name="exact waits",
+    meaning="passes that end at a time or position of the servo, not after a wait that is rounded down",
+    cost="another loop in the program",
+    rows=(PATH, GLUE),
+    settings=_waits,
+    causes=("program",),
     effort=Effort.PROCESS,
 )

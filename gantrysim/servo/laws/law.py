@@ -11,7 +11,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.axis_dynamics import AxisDynamics
 from gantrysim.servo.gains import Gains, Parameter
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 
 # Points of the servo tick at which a law acts, in their order
 ERROR = "error"  # after the measurement: changes the error to which the law answers, `row.law_error` and `law_change`

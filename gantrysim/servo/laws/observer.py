@@ -11,7 +11,7 @@ import numpy as np
 from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws.law import DEMAND, DISTURBANCE, Law, LawDesign, Timing
 from gantrysim.servo.notch import Coefficients, filtered_output
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 
 SHARE = 0.5  # of the natural frequency, the observer's cut-off
 TAPS = 3  # sampled torque demands that act between three samples of the position

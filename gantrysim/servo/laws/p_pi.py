@@ -7,7 +7,7 @@ from typing import Any
 from gantrysim.servo.gains import GAIN_NAMES, Gains
 from gantrysim.servo.laws import pid
 from gantrysim.servo.laws.law import BaseLaw
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 
 
 def cascaded_torque(

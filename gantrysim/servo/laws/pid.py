@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from gantrysim.servo.gains import Gains
 from gantrysim.servo.laws.law import BaseLaw
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 
 
 def torque_demand(

@@ -14,7 +14,7 @@ from gantrysim.servo.laws import ADDITIONS, BASES, LAW_PARAMETERS, LAWS, LEARNIN
 from gantrysim.servo.laws.law import Timing, in_words
 from gantrysim.servo.laws.user import LawName, linearised_law, resolved_law
 from gantrysim.servo.notch import Coefficients
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.motion import Motion
 
 MOST_REPEATS = 1000

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.user_code import named_object
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.motion import UnknownLoopError
 
 # A law in plain Python, which the engine calls at every servo tick instead of the servo's laws.

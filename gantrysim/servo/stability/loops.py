@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Complexes, Floats
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.motion import LinearSystem
 
 _LOWEST = 1e-5  # lowest frequency of the grid, relative to the Nyquist frequency

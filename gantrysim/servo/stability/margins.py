@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.base.quantity import Quantity
-from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.loops import (
     NO_LOOP,
     FrequencyResponse,

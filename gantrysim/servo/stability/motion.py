@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError
-from gantrysim.servo.stability.transfer import transfer
+from gantrysim.servo.stability.linear_system import transfer
 
 MODES = ("torque", "velocity", "position", "stepper")  # command modes of a drive
 _NO_EFFECT = 1e-9  # effect of one state on another that is rounding, relative to the largest

@@ -14,8 +14,7 @@ import pytest
 import gantrysim
 from gantrysim import Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.engine.native.callback import magic
-from gantrysim.engine.native.hook import installed_tick
+from gantrysim.engine.native.callback import installed_tick, magic
 from gantrysim.machine import layout
 from gantrysim.machine.row import ROW
 

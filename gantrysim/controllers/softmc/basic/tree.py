@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from lark import Token, Tree
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic.assembler import Assembler
-from gantrysim.controllers.basic.code import STATEMENT
+from gantrysim.controllers.basic.code import STATEMENT, Assembler
 from gantrysim.controllers.softmc.basic.execution import Action, RoutineFrame
 from gantrysim.controllers.softmc.commands import SoftMCError
 

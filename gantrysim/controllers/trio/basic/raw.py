@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic.assembler import Assembler
+from gantrysim.controllers.basic.code import Assembler
 from gantrysim.controllers.trio.basic.process import Process
 
 Evaluate = Callable[[Process], float]

@@ -1,4 +1,9 @@
-"""Parser of Trio BASIC: a text becomes lines of statements, not yet joined to blocks."""
+"""Parser of Trio BASIC: a text becomes programs, and each of them lines of statements, not yet joined to blocks.
+
+`read` cuts the text at its lines '$PROGRAM, and reads one program after the other. The grammar gives the brackets of a
+PRINT(...) another meaning than people do who write them, so they are taken out first. Then lark's parser hands what it
+recognises to `_Builder`, from the words upwards, which makes statements and expressions of it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,7 @@ from contextlib import contextmanager
 from functools import cached_property, partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken
 
@@ -30,89 +35,105 @@ from gantrysim.controllers.trio.basic.expressions import (
 )
 from gantrysim.controllers.trio.basic.raw import Expression, Raw, Reference, Source, Spelt
 
-# PRINT(...) as people write it: brackets about all that a PRINT shows, which mean nothing.
-
-_BRACKETED = re.compile(r"PRINT[ \t]*\(", re.IGNORECASE)
-_PLACES = re.compile(r"\"[^\"\n]*\"|'[^\n]*|\bREM\b[^\n]*|(?P<print>\bPRINT[ \t]*)\(", re.IGNORECASE)
-_INSIDE = re.compile(r"\"[^\"\n]*\"|[()\n']")
-_END = re.compile(r"[ \t]*(?:$|[:\n']|REM\b|ELSE\b)", re.IGNORECASE)
-
 # all statements of Trio BASIC with a syntax of their own
 STATEMENTS = Statements.of(statements.statement, flow.statement)
 
+# largest numbers of characters: of a text, a line, a word
+LONGEST = 1_000_000
+LONGEST_LINE = 4096
+LONGEST_WORD = 64
 
-def without_print_brackets(text: str) -> str:
-    """Return a text in which blanks replace the brackets about everything that a PRINT shows."""
-    if not _BRACKETED.search(text):
-        return text
-    characters = list(text)
-    for place in _PLACES.finditer(text):
-        if place["print"] is None:
-            continue
-        begin = place.end() - 1
-        end = _closing(text, begin)
-        if end is not None and _END.match(text, end + 1):
-            characters[begin] = " "
-            characters[end] = " "
-    return "".join(characters)
-
-
-def _closing(text: str, begin: int) -> int | None:
-    """Return where the bracket that opens at `begin` closes, None where it does not in its line."""
-    depth = 0
-    for part in _INSIDE.finditer(text, begin):
-        if part[0] == "(":
-            depth += 1
-        elif part[0] == ")":
-            depth -= 1
-            if depth == 0:
-                return part.start()
-        elif part[0] in ("\n", "'"):
-            return None
-    return None
-
-
-# Several programs in one text: each but the first after a line '$PROGRAM name, or from a file beside the program.
-
+# the line before each program of a text but the first
 SECTION = re.compile(r"^[ \t]*'\$PROGRAM[ \t]+\"?(\w+)\"?[ \t]*$", re.IGNORECASE | re.MULTILINE)
-SUFFIXES = (".bas", ".inc")
 MOST_SECTIONS = 64
-_NAMED = re.compile(r"'[^\n]*|\b(?:INCLUDE|RUN)[ \t]*\"(\w+)\"", re.IGNORECASE)
-_LINE = re.compile(r"line (\d+): ")
+# name of the program before the first such line
+MAIN = "MAIN"
+# of files with programs
+SUFFIXES = (".bas", ".inc")
+
+# the first word of a line, followed by what no variable can be followed by: a blank, and an operand
+_VERB = re.compile(r"\s*([A-Z_]\w{0,63})[^\S\n]+(?!AXIS\b)[\w\"#(]", re.IGNORECASE)
 
 
-def with_files(text: str, folder: Path) -> str:
-    """Return a text with the programs that INCLUDE and RUN name, and that are files beside it, as its last sections.
+def read(text: str) -> list[Source]:
+    """Return the programs of a text; each but the first begins with a line '$PROGRAM name.
 
     Raises:
-        InputError: a file that cannot be read or is a link that leaves the folder, or too many of them.
+        InputError: the text breaks the grammar, or uses a word that is unknown.
     """
+    _check_size(text)
+    sources: list[Source] = []
+    for name, start, end in _sections(text):
+        source = _source(name, text[start:end], text.count("\n", 0, start))
+        # the text may begin with a line '$PROGRAM, so that nothing is before it
+        if source.lines or name != MAIN:
+            sources.append(source)
+    if len({source.name for source in sources}) < len(sources):
+        raise InputError("two programs have one name: every '$PROGRAM must have its own")
+    if not sources:
+        raise InputError("program without a statement: must have at least one")
+    return sources
+
+
+def _check_size(text: str) -> None:
+    if len(text) > LONGEST:
+        raise InputError(f"program of {len(text)} characters: must have at most {LONGEST}")
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > LONGEST_LINE:
+            raise InputError(f"line {number}: {len(line)} characters: must have at most {LONGEST_LINE}")
+    count = len(SECTION.findall(text))
+    if count > MOST_SECTIONS:
+        raise InputError(f"{count} programs: must be at most {MOST_SECTIONS}")
+
+
+def _sections(text: str) -> Iterator[tuple[str, int, int]]:
+    """Yield name, begin and end of each program of a text."""
+    name = MAIN
+    begin = 0
+    for head in SECTION.finditer(text):
+        yield name, begin, head.start()
+        name = head[1].upper()
+        begin = head.end()
+    yield name, begin, len(text)
+
+
+def _source(name: str, text: str, before: int) -> Source:
+    """Return a program, given its text and the number of lines before it."""
+    source = Source(name)
     try:
-        files = {path.stem.upper(): path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES}
-    except OSError:
-        # where the folder cannot be read, the programs are reported as missing
-        return text
-    present = {head[1].upper() for head in SECTION.finditer(text)}
-    waiting = _names(text)
-    while waiting:
-        name = waiting.pop(0)
-        if name in present or name not in files:
-            continue
-        present.add(name)
-        if len(present) >= MOST_SECTIONS:
-            raise InputError(f"{len(present)} programs: must be at most {MOST_SECTIONS}")
-        check_inside(files[name], folder)
-        try:
-            added = read_text(files[name], errors="replace")
-        except OSError as error:
-            raise InputError(f"{files[name]}: cannot be read: {error.strerror}") from None
-        text = f"{text.rstrip()}\n'$PROGRAM {name}\n{added}"
-        waiting += _names(added)
-    return text
+        source.lines = _parser.parse(without_print_brackets(text.replace("\r", "")) + "\n", source, before)
+    except UnexpectedToken as error:
+        line = before + (error.line if isinstance(error.line, int) and error.line > 0 else 1)
+        raise _misspelt(text, before, line) or _syntax_error(error.token, line) from None
+    except UnexpectedCharacters as error:
+        raise InputError(f"line {before + error.line}: syntax error, {error.char!r} unexpected") from None
+    except UnexpectedEOF:
+        raise InputError("syntax error: the text ends too early") from None
+    return source
 
 
-def _names(text: str) -> list[str]:
-    return [place[1].upper() for place in _NAMED.finditer(text) if place[1]]
+def _syntax_error(token: Token, line: int) -> InputError:
+    if token.type in ("_NL", "$END"):
+        return InputError(f"line {line}: syntax error, the line ends too early")
+    return InputError(f"line {line}: syntax error, {str(token)[:LONGEST_WORD]!r} unexpected")
+
+
+def _misspelt(text: str, before: int, line: int) -> InputError | None:
+    """Return the error for a line whose first word is a command that nobody knows; None for another line."""
+    lines = text.split("\n")
+    number = line - before
+    if not 0 < number <= len(lines):
+        return None
+    verb = _VERB.match(lines[number - 1])
+    if verb is None or verb[1].upper() in known_words():
+        return None
+    return InputError(f"line {line}: {unknown_word(Reference(verb[1].upper(), None, None, line, verb[1]))}")
+
+
+# Lines of an error. An error names the line of the whole text; where the text has several programs, people count from
+# the beginning of the one in which it lies.
+
+_LINE = re.compile(r"line (\d+): ")
 
 
 @contextmanager
@@ -122,22 +143,114 @@ def located_errors(text: str) -> Iterator[None]:
         yield
     except InputError as error:
         message = str(error)
-        line_match = _LINE.match(message)
-        heads = [(text.count("\n", 0, head.start()) + 1, head[1].upper()) for head in SECTION.finditer(text)]
-        before = [(line, name) for line, name in heads if line_match and line < int(line_match[1])]
-        if line_match is None or not before:
+        found = _LINE.match(message)
+        section = None if found is None else _section_before(text, int(found[1]))
+        if found is None or section is None:
             raise
-        line, name = before[-1]
-        place = f"line {line_match[1]} (line {int(line_match[1]) - line} of {name}): "
-        raise InputError(place + message[line_match.end() :]) from None
+        name, head_line = section
+        line = int(found[1])
+        place = f"line {line} (line {line - head_line} of {name}): "
+        raise InputError(place + message[found.end() :]) from None
 
 
-# characters of a text, a line, a word
-LONGEST = 1_000_000
-LONGEST_LINE = 4096
-LONGEST_WORD = 64
-_VERB = re.compile(r"\s*([A-Z_]\w{0,63})[^\S\n]+(?!AXIS\b)[\w\"#(]", re.IGNORECASE)
-MAIN = "MAIN"  # name of a program without one
+def _section_before(text: str, line: int) -> tuple[str, int] | None:
+    """Return the name of the section in which a line lies and the line of its head, None before the first."""
+    section = None
+    for head in SECTION.finditer(text):
+        head_line = text.count("\n", 0, head.start()) + 1
+        if head_line >= line:
+            break
+        section = (head[1].upper(), head_line)
+    return section
+
+
+# Programs in files beside the text: INCLUDE and RUN name them, and they become its last sections.
+
+# a comment, or a statement that names a program
+_NAMED_PROGRAM = re.compile(r"'[^\n]*|\b(?:INCLUDE|RUN)[ \t]*\"(\w+)\"", re.IGNORECASE)
+
+
+def with_files(text: str, folder: Path) -> str:
+    """Return a text with the programs that INCLUDE and RUN name, and that are files beside it, as its last sections.
+
+    Raises:
+        InputError: a file that cannot be read or is a link that leaves the folder, or too many of them.
+    """
+    try:
+        beside = {path.stem.upper(): path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES}
+    except OSError:
+        # where the folder cannot be read, the programs are reported as missing
+        return text
+    present = {head[1].upper() for head in SECTION.finditer(text)}
+    waiting = _named_programs(text)
+    while waiting:
+        name = waiting.pop(0)
+        if name in present or name not in beside:
+            continue
+        present.add(name)
+        if len(present) >= MOST_SECTIONS:
+            raise InputError(f"{len(present)} programs: must be at most {MOST_SECTIONS}")
+        check_inside(beside[name], folder)
+        try:
+            added = read_text(beside[name], errors="replace")
+        except OSError as error:
+            raise InputError(f"{beside[name]}: cannot be read: {error.strerror}") from None
+        text = f"{text.rstrip()}\n'$PROGRAM {name}\n{added}"
+        # an included program may name others
+        waiting += _named_programs(added)
+    return text
+
+
+def _named_programs(text: str) -> list[str]:
+    return [match[1].upper() for match in _NAMED_PROGRAM.finditer(text) if match[1]]
+
+
+# PRINT(...) as people write it: brackets about all that a PRINT shows, which mean nothing.
+
+# whether a text has any, which most have not
+_PRINT_BRACKET = re.compile(r"PRINT[ \t]*\(", re.IGNORECASE)
+# a string or a comment, within which PRINT( is text, or the bracket after a PRINT
+_STRING_OR_COMMENT_OR_PRINT = re.compile(
+    r"\"[^\"\n]*\"|'[^\n]*|\bREM\b[^\n]*|(?P<print>\bPRINT[ \t]*)\(", re.IGNORECASE
+)
+# a string, a bracket, or what ends the part of a line in which brackets count
+_STRING_OR_BRACKET_OR_END = re.compile(r"\"[^\"\n]*\"|[()\n']")
+_END_OF_STATEMENT = re.compile(r"[ \t]*(?:$|[:\n']|REM\b|ELSE\b)", re.IGNORECASE)
+
+
+def without_print_brackets(text: str) -> str:
+    """Return a text in which blanks replace the brackets about everything that a PRINT shows."""
+    if not _PRINT_BRACKET.search(text):
+        return text
+    characters = list(text)
+    for match in _STRING_OR_COMMENT_OR_PRINT.finditer(text):
+        if match["print"] is None:
+            continue
+        opening = match.end() - 1
+        closing = _closing_bracket(text, opening)
+        # PRINT (a) + b has brackets about a part alone, which mean what they mean elsewhere
+        if closing is not None and _END_OF_STATEMENT.match(text, closing + 1):
+            characters[opening] = " "
+            characters[closing] = " "
+    return "".join(characters)
+
+
+def _closing_bracket(text: str, opening: int) -> int | None:
+    """Return where a bracket closes that opens at a place, None where it does not in its line."""
+    depth = 0
+    for match in _STRING_OR_BRACKET_OR_END.finditer(text, opening):
+        if match[0] == "(":
+            depth += 1
+        elif match[0] == ")":
+            depth -= 1
+            if depth == 0:
+                return match.start()
+        elif match[0] in ("\n", "'"):
+            return None
+    return None
+
+
+# The parser.
 
 
 class _Parser(threading.local):
@@ -167,66 +280,24 @@ class _Parser(threading.local):
 _parser = _Parser()
 
 
-def read(text: str) -> list[Source]:
-    """Return the programs of a text; each but the first begins with a line '$PROGRAM name.
+class _OfProcess(NamedTuple):
+    """PROC() behind a word."""
 
-    Raises:
-        InputError: the text breaks the grammar, or uses a word that is unknown.
-    """
-    if len(text) > LONGEST:
-        raise InputError(f"program of {len(text)} characters: must have at most {LONGEST}")
-    for number, line in enumerate(text.split("\n"), 1):
-        if len(line) > LONGEST_LINE:
-            raise InputError(f"line {number}: {len(line)} characters: must have at most {LONGEST_LINE}")
-    heads = list(SECTION.finditer(text))
-    if len(heads) > MOST_SECTIONS:
-        raise InputError(f"{len(heads)} programs: must be at most {MOST_SECTIONS}")
-    starts = [0, *(head.end() for head in heads)]
-    ends = [*(head.start() for head in heads), len(text)]
-    names = [MAIN, *(head[1].upper() for head in heads)]
-    sources = []
-    for name, start, end in zip(names, starts, ends, strict=True):
-        source = _source(name, text[start:end], text.count("\n", 0, start))
-        if source.lines or name != MAIN:
-            sources.append(source)
-    double = [source.name for k, source in enumerate(sources) if source.name in names[: names.index(source.name)]]
-    if double or len({source.name for source in sources}) < len(sources):
-        raise InputError("two programs have one name: every '$PROGRAM must have its own")
-    if not sources:
-        raise InputError("program without a statement: must have at least one")
-    return sources
+    process: Expression
 
 
-def _source(name: str, text: str, before: int) -> Source:
-    source = Source(name)
-    try:
-        source.lines = _parser.parse(without_print_brackets(text.replace("\r", "")) + "\n", source, before)
-    except UnexpectedToken as error:
-        shown = (
-            "the line ends too early"
-            if error.token.type in ("_NL", "$END")
-            else f"{str(error.token)[:LONGEST_WORD]!r} unexpected"
-        )
-        line = before + (error.line if isinstance(error.line, int) and error.line > 0 else 1)
-        raise _misspelt(text, before, line) or InputError(f"line {line}: syntax error, {shown}") from None
-    except UnexpectedCharacters as error:
-        raise InputError(f"line {before + error.line}: syntax error, {error.char!r} unexpected") from None
-    except UnexpectedEOF:
-        raise InputError("syntax error: the text ends too early") from None
-    return source
+class _PlaceAndBit(NamedTuple):
+    """AXIS() or PROC() behind a word, and the bit behind that."""
 
-
-def _misspelt(text: str, before: int, line: int) -> InputError | None:
-    """The error for a line whose first word is unknown and is followed by what no variable can be."""
-    lines = text.split("\n")
-    verb = _VERB.match(lines[line - before - 1]) if 0 < line - before <= len(lines) else None
-    if verb is None or verb[1].upper() in known_words():
-        return None
-    return InputError(f"line {line}: {unknown_word(Reference(verb[1].upper(), None, None, line, verb[1]))}")
+    place: Expression | _OfProcess
+    bit: Token
 
 
 class _Builder(Transformer):  # type: ignore[type-arg]
     """Builds statements and expressions from the bottom up.
+
+    lark calls the method named like a rule of grammar.lark, or like one of its alternatives, with what was made of the
+    parts of the rule: tokens of the text, what other methods have returned, and None for a part that is left out.
 
     Attributes:
         source: the program that is read.
@@ -238,18 +309,18 @@ class _Builder(Transformer):  # type: ignore[type-arg]
 
     def __init__(self) -> None:
         super().__init__()
+        # most statements are kept as they stand
         for kind in STATEMENTS.handlers:
             if not hasattr(self, kind):
                 setattr(self, kind, partial(self._statement, kind))
-        setattr(self, "if", partial(self._branch, "if"))  # a word of Python
-
-    def _statement(self, kind: str, children: list[Any]) -> Raw:
-        """A statement without its keyword, which has the line."""
-        return Raw(kind, self.line_of(children[0]), tuple(children[1:]))
+        # no method can have this name, a word of Python
+        setattr(self, "if", partial(self._branch, "if"))
 
     def line_of(self, token: Token) -> int:
         """Line of the whole text in which a token stands."""
         return (token.line or 1) + self.before
+
+    # lines
 
     def start(self, children: list[Any]) -> list[list[Raw]]:
         return [line for line in children if isinstance(line, list)]
@@ -258,52 +329,52 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         """The statements of a line; IFs with a branch in it end with it."""
         if len(children) > 1 and isinstance(children[0], Raw) and getattr(children[1], "type", None) == "COLON":
             children[0] = _label_in(children[0])
-        flat: list[Raw] = []
-        inline = 0
+        in_line: list[Raw] = []
+        open_ifs = 0
         for child in children:
             if isinstance(child, Token):
                 if child.type == "ELSE":
-                    flat.append(Raw("else", self.line_of(child), (), inline > 0))
+                    in_line.append(Raw("else", self.line_of(child), (), open_ifs > 0))
             elif isinstance(child, Raw):
-                flat.append(child)
-            else:  # an IF with its branch
-                flat += child
-                inline += sum(part.inline for part in child)
-        return flat + [Raw("endif", flat[-1].line)] * inline if flat else flat
+                in_line.append(child)
+            else:
+                # an IF or ELSEIF, followed by its branch
+                in_line += child
+                open_ifs += sum(statement.inline for statement in child)
+        if open_ifs:
+            in_line += [Raw("endif", in_line[-1].line)] * open_ifs
+        return in_line
+
+    # statements
+
+    def _statement(self, kind: str, children: list[Any]) -> Raw:
+        """A statement without its keyword, which has the line."""
+        return Raw(kind, self.line_of(children[0]), tuple(children[1:]))
 
     def elseif(self, children: list[Any]) -> list[Raw]:
         return self._branch("elseif", children)
 
     def _branch(self, kind: str, children: list[Any]) -> list[Raw]:
         """An IF or ELSEIF, and the statements after it in its line."""
-        word, condition, then = children
-        branch: list[Raw] = [] if then is None else [then]
-        # an IF in the line of this one
-        if isinstance(then, list):
+        keyword, condition, then = children
+        if then is None:
+            branch: list[Raw] = []
+        elif isinstance(then, list):
+            # another IF in the line of this one
             branch = then
+        else:
+            branch = [then]
         is_inline = kind == "if" and bool(branch)
-        return [Raw(kind, self.line_of(word), (condition,), is_inline), *branch]
+        return [Raw(kind, self.line_of(keyword), (condition,), is_inline), *branch]
 
     def command(self, children: list[Any]) -> Raw:
         return Raw("command", children[0].line, tuple(children))
 
-    def assign_text(self, children: list[Any]) -> Raw:
-        return Raw("assign_text", children[0].line)
-
     def assign(self, children: list[Any]) -> Raw:
         return Raw("assign", children[0].line, tuple(children))
 
-    def text(self, children: list[Any]) -> str:
-        return str(children[0])[1:-1]
-
-    def number(self, children: list[Any]) -> tuple[Expression, ...]:
-        return tuple(children)
-
-    def character(self, children: list[Any]) -> Spelt:
-        return Spelt("CHR", children[0])
-
-    def hexadecimal_item(self, children: list[Any]) -> Spelt:
-        return Spelt("HEX", children[1])
+    def assign_text(self, children: list[Any]) -> Raw:
+        return Raw("assign_text", children[0].line)
 
     def dim(self, children: list[Any]) -> Raw:
         """DIM: its arrays are known to the expressions that follow."""
@@ -313,19 +384,42 @@ class _Builder(Transformer):  # type: ignore[type-arg]
                 self.source.arrays.add(ref.name)
         return self._statement("dim", children)
 
+    # what a PRINT shows
+
+    def text(self, children: list[Any]) -> str:
+        """A string, without its quotation marks."""
+        return str(children[0])[1:-1]
+
+    def number(self, children: list[Any]) -> tuple[Expression, ...]:
+        """A number, and the width and digits with which it is printed, as far as they are given."""
+        return tuple(children)
+
+    def character(self, children: list[Any]) -> Spelt:
+        return Spelt("CHR", children[0])
+
+    def hexadecimal_item(self, children: list[Any]) -> Spelt:
+        return Spelt("HEX", children[1])
+
+    # words, with what belongs to them
+
     def ref(self, children: list[Any]) -> Reference:
         name, arguments, bit, place = children
+        line = self.line_of(name)
         if len(name) > LONGEST_WORD:
-            raise InputError(
-                f"line {self.line_of(name)}: word of {len(name)} characters: must have at most {LONGEST_WORD}"
-            )
-        if isinstance(place, list):
-            place, bit = place
-        axis = place if isinstance(place, Expression) else None
-        process = None if place is None or axis is not None else place[0]
-        number = None if bit is None else int(bit[1:])
-        word = self.source.corrected_word(name.upper(), self.line_of(name))
-        return Reference(word, arguments, axis, self.line_of(name), str(name), process, number)
+            raise InputError(f"line {line}: word of {len(name)} characters: must have at most {LONGEST_WORD}")
+        if isinstance(place, _PlaceAndBit):
+            bit = place.bit
+            place = place.place
+        return Reference(
+            name=self.source.corrected_word(name.upper(), line),
+            arguments=arguments,
+            axis=place if isinstance(place, Expression) else None,
+            line=line,
+            spelled=str(name),
+            process=place.process if isinstance(place, _OfProcess) else None,
+            # behind its point
+            bit=None if bit is None else int(bit[1:]),
+        )
 
     def arguments(self, children: list[Any]) -> tuple[Expression, ...]:
         comma = children[-1]
@@ -340,13 +434,16 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         expression: Expression = children[0]
         return expression
 
-    def place_and_bit(self, children: list[Any]) -> list[Any]:
-        return children
+    def process(self, children: list[Any]) -> _OfProcess:
+        return _OfProcess(children[0])
 
-    def process(self, children: list[Any]) -> tuple[Expression]:
-        return (children[0],)
+    def place_and_bit(self, children: list[Any]) -> _PlaceAndBit:
+        return _PlaceAndBit(*children)
+
+    # expressions
 
     def joined(self, children: list[Any]) -> Expression:
+        """Values with operators between them, which the grammar does not rank."""
         return OPERATORS.read(children, self._operation)
 
     def _operation(self, sign: str, operator: RankedOperator, operands: list[Expression]) -> Expression:
@@ -360,6 +457,7 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         value = float(token)
         if math.isinf(value):
             raise InputError(f"line {self.line_of(token)}: number {token[:LONGEST_WORD]}: too large")
+        # a number that stands in a program many times is one expression
         numbers = self.source.numbers
         if value not in numbers:
             numbers[value] = constant(value)
@@ -387,11 +485,13 @@ def _located_error(error: InputError, line: int) -> InputError:
 def _label_in(raw: Raw) -> Raw:
     """Return the label that a statement before a colon, at the start of a line, is; or else the statement."""
     if raw.kind == "loop":
+        # LOOP ends a DO, or is the name of a label: what is open tells
         return Raw("loop_or_label", raw.line)
     return Raw("label", raw.line, (raw.data[0].name,)) if _is_label(raw) else raw
 
 
 def _is_label(raw: Raw) -> bool:
+    """Return whether a statement is a name alone that is no word of the language."""
     if raw.kind != "command":
         return False
     ref: Reference = raw.data[0]

@@ -1,11 +1,16 @@
-"""The dispenser's lag: its compensation in the controller, the leads of the valve, and a faster valve."""
+"""The dispenser: compensation of its lag, leads of its valve, a faster valve; flow by speed, and pressure advance.
+
+With a flow proportional to the path speed, it falls where the program slows down, so that the section stays. A
+dispenser that lags is late with every change of the speed, where a fixed flow has nothing to be late with. Both alone
+may therefore be worse than the job as it is, so that they are also tried together. Pressure advance is for a driven
+dispenser: its motor runs ahead by what the glue under pressure stores.
+"""
 
 from __future__ import annotations
 
 from gantrysim.base.errors import InputError
-from gantrysim.glue.dispenser.dispenser import Dispenser
-from gantrysim.remedy.lever import FREE, Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import factor_text, milliseconds, rounded_number
+from gantrysim.glue.dispenser.dispenser import DEMANDS, Dispenser
+from gantrysim.remedy.lever import FREE, Effort, Lever, Setting, State, factor_text, milliseconds, rounded_number
 from gantrysim.results.verdict import GLUE
 
 _TICK = 1e-4  # times are set to a tenth of a millisecond [s]
@@ -97,4 +102,79 @@ FASTER_VALVE = Lever(
     rows=(GLUE,),
     settings=_faster,
     effort=Effort.HARDWARE,
+)
+
+
+_AREA_DIGITS = 3  # of the area
+
+
+def _proportional_flow(state: State) -> list[Setting] | str:
+    dispenser = state.job.dispenser
+    if dispenser.area:
+        return "the flow is proportional to the path speed"
+    if dispenser.per_e:
+        return "E states the flow, which is proportional to the path speed"
+    outcome = state.outcome
+    if not outcome.nominal:
+        return "the job lays no bead"
+    if outcome.dots:
+        return "dots are laid while the nozzle rests, where a flow proportional to the speed is zero"
+    area = float(f"{outcome.nominal:.{_AREA_DIGITS}g}")
+    fixed = {f"dispenser.{name}": 0.0 for name in DEMANDS if getattr(dispenser, name)}
+    changes = {**fixed, "dispenser.area": area}
+    return [
+        Setting(f"area {area:g} mm²", changes),
+        *(
+            Setting(f"area {area:g} mm², {milliseconds(value)} compensated", {**changes, "dispenser.advance": value})
+            for value in compensations(dispenser)
+        ),
+    ]
+
+
+PROPORTIONAL_FLOW = Lever(
+    name="flow by speed",
+    meaning="flow proportional to the path speed",
+    cost="an analogue output for the pump",
+    rows=(GLUE,),
+    settings=_proportional_flow,
+)
+
+
+_ADVANCE_STEP = 1e-4  # times are set to a tenth of a millisecond [s]
+
+
+def _pressure_advances(state: State) -> list[Setting] | str:
+    job = state.job
+    drive = job.dispenser.drive
+    if drive is None:
+        return "the dispenser is a valve, which no motor drives"
+    if not state.outcome.nominal:
+        return "the job lays no bead"
+    try:
+        flow = state.outcome.nominal * job.controller.programmed_speed
+    except InputError:
+        return "the program states no path speed, from which the flow would follow"
+    # between small changes and the rise from rest a glue that is not Newtonian has other lags
+    small, whole = drive.lags(flow)
+    times = {
+        rounded_number(round(lag / _ADVANCE_STEP) * _ADVANCE_STEP) for lag in (small, 0.5 * (small + whole), whole)
+    }
+    settings = []
+    for time in sorted(times - {0.0}):
+        changes = {"dispenser.advance": time}
+        if job.dispenser.per_e:
+            arguments = job.controller.with_advance(time)
+            if arguments is None:
+                return "the program sets its pressure advance itself"
+            changes = {f"program.{name}": value for name, value in arguments.items()}
+        settings.append(Setting(milliseconds(time), changes))
+    return settings or "the dispenser follows its motor at once"
+
+
+PRESSURE_ADVANCE = Lever(
+    name="pressure advance",
+    meaning="the dispenser's motor runs ahead by its speed times the lag of the glue under pressure",
+    cost="peaks of the motor's speed",
+    rows=(GLUE,),
+    settings=_pressure_advances,
 )

@@ -14,21 +14,21 @@ import pytest
 
 from gantrysim import simulate
 from gantrysim.base import signals
-from gantrysim.engine.native import hook
-from gantrysim.engine.native.hook import installed_law, installed_tick
+from gantrysim.engine.native import callback
+from gantrysim.engine.native.callback import installed_law, installed_tick
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.machine.row import ROW_NUMBERS
 
 from support.runs import plain, ramp
 
-OURS = (hook.__file__, signals.__file__)
+OURS = (callback.__file__, signals.__file__)
 MOST = 4000  # points of one enter and exit, by far
 PATIENCE = 300.0  # until a test that hangs is given up [s]
 
 
 class Interrupted:
-    """Has Ctrl-C come at one bytecode of the hook's own code, by number from the start of tracing.
+    """Has Ctrl-C come at one bytecode of the modules that install the callback, by number from the start of tracing.
 
     It calls the handler with the frame, as Python does there. Real signals come in the last test.
     """
@@ -71,10 +71,10 @@ def state():
         mujoco.get_mjcb_time(),
         mujoco.get_mju_user_warning(),
         *map(signal.getsignal, signals.ENDING),
-        hook._users,
-        hook._changed.acquire(blocking=False) and hook._changed.release(),
-        getattr(hook._thread, "depth", 0),
-        getattr(hook._thread, "law", False),
+        callback._users,
+        callback._changed.acquire(blocking=False) and callback._changed.release(),
+        getattr(callback._thread, "depth", 0),
+        getattr(callback._thread, "law", False),
     )
 
 
@@ -243,7 +243,7 @@ def test_a_waiting_thread_can_be_interrupted(machine, before, monkeypatch):
             waiting.set()
             return super().wait(timeout)
 
-    monkeypatch.setattr(hook, "_changed", Condition(threading.Lock()))
+    monkeypatch.setattr(callback, "_changed", Condition(threading.Lock()))
 
     def hold():
         with make():
@@ -360,7 +360,7 @@ import faulthandler, os, random, signal, threading, time
 import mujoco
 from gantrysim import Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.engine.native.hook import installed_tick
+from gantrysim.engine.native.callback import installed_tick
 
 ROUNDS, handled, came = 200, 0, 0
 

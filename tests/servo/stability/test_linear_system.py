@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from gantrysim.servo.stability.compensator import Compensator
-from gantrysim.servo.stability.transfer import transfer
+from gantrysim.servo.stability.linear_system import Compensator, transfer
 
 Z = np.exp(1j * np.geomspace(1e-4, np.pi, 40))
 

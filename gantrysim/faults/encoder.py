@@ -1,4 +1,4 @@
-"""An encoder that is off for some servo ticks."""
+"""Faults of an encoder: off for some servo ticks, slipped on its shaft, or standing still."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from gantrysim.faults.fault import (
     REPORT,
     FaultAxis,
     InjectedFault,
+    Lasting,
     acts_at_tick,
     check_counts,
     servo_ticks,
@@ -66,3 +67,61 @@ class EncoderGlitch(InjectedFault):
 
     def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float:
         return offset_of_counts(self.kind, self.counts, axis)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderSlip(Lasting):
+    """The encoder has slipped on its shaft, or has lost counts.
+
+    Attributes:
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
+        axis: name of the axis.
+        counts: counts added to the reported position.
+    """
+
+    stages = ((REPORT, add_offset),)
+
+    axis: str
+    counts: int
+    kind: Literal["encoder slip"] = "encoder slip"
+
+    def _check(self) -> None:
+        check_counts(self.counts)
+
+    @property
+    def acts(self) -> bool:
+        return self.counts != 0 and self.duration > 0
+
+    @property
+    def magnitude(self) -> str:
+        return f"{with_minus(f'{self.counts:+d}')} counts {self._span}"
+
+    def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float:
+        return offset_of_counts(self.kind, self.counts, axis)
+
+
+def freeze(row: Any, fault: Any) -> None:
+    """Report the position of the tick before, once there is one."""
+    if row.tick > 0 and acts_at_tick(row, fault):
+        row.seen[fault.axis] = row.measured[fault.axis]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderDropout(Lasting):
+    """The encoder stands still: the position that it reports freezes.
+
+    Attributes:
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
+        axis: name of the axis.
+    """
+
+    stages = ((REPORT, freeze),)
+
+    axis: str
+    kind: Literal["encoder dropout"] = "encoder dropout"
+
+    @property
+    def magnitude(self) -> str:
+        return f"position frozen {self._span}"

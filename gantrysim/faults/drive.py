@@ -1,4 +1,4 @@
-"""A drive whose bus voltage is reduced."""
+"""Faults of a drive and its motor: a bus voltage that is reduced, and a winding that is open."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from gantrysim.base.errors import InputError, between
-from gantrysim.faults.fault import VOLTAGE, FaultAxis, Lasting, acts_in_step, check_electrical, spared_axis
+from gantrysim.faults.fault import CURRENT, VOLTAGE, FaultAxis, Lasting, acts_in_step, check_electrical, spared_axis
 
 
 def limit_voltage(row: Any, fault: Any) -> None:
@@ -64,3 +64,46 @@ class BusSag(Lasting):
 
     def drive_left(self, gain: float, bus: float, nominal_bus: float) -> tuple[float, float]:
         return gain, min(bus, self.share * nominal_bus)
+
+
+def take_current(row: Any, fault: Any) -> None:
+    """Take the current out of a winding that has inductance, in every physics step, as its voltage builds it up."""
+    if acts_in_step(row, fault) and row.current_at[fault.axis] >= 0:
+        row.winding_current[fault.axis] = 0.0
+
+
+def take_control(row: Any, fault: Any) -> None:
+    """Take the control too: the winding may have no current of its own in MuJoCo."""
+    if acts_in_step(row, fault):
+        row.control_torque[fault.axis] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenWinding(Lasting):
+    """The motor's winding is open: its resistance is infinite, current and torque are zero at once, L/R being zero.
+
+    Attributes:
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
+        axis: name of the axis.
+    """
+
+    stages = (
+        (CURRENT, take_current),
+        (VOLTAGE, take_control),
+    )
+    in_drive = True
+
+    axis: str
+    kind: Literal["open winding"] = "open winding"
+
+    @property
+    def magnitude(self) -> str:
+        return f"no current {self._span}"
+
+    def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float | None:
+        check_electrical(self.kind, axis)
+        return None if spared_axis(self.kind, axis, axes, named=True) else 0.0
+
+    def drive_left(self, gain: float, bus: float, nominal_bus: float) -> tuple[float, float]:
+        return 0.0, bus

@@ -1,4 +1,4 @@
-"""A bubble of air in the glue."""
+"""Faults of the dispenser: a nozzle that is partly clogged or drips, and a bubble of air in the glue."""
 
 from __future__ import annotations
 
@@ -9,8 +9,65 @@ from typing import Literal
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import at_least, positive
-from gantrysim.faults.fault import InjectedFault
+from gantrysim.base.errors import at_least, between, positive
+from gantrysim.faults.fault import InjectedFault, Lasting
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloggedNozzle(Lasting):
+    """The nozzle lets only a share of the flow through; what it holds back is lost.
+
+    Attributes:
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
+        share: fraction of the flow that remains, 0 to 1.
+    """
+
+    share: float
+    kind: Literal["clogged nozzle"] = "clogged nozzle"
+
+    def _check(self) -> None:
+        between("share", self.share, 0, 1)
+
+    @property
+    def acts(self) -> bool:
+        return self.share < 1 and self.duration > 0
+
+    @property
+    def magnitude(self) -> str:
+        return f"{100 * self.share:g} % of the flow {self._span}"
+
+    def flow_left(self, flow: Floats, valve: Floats, edges: Floats) -> Floats:
+        return flow * (1 - (1 - self.share) * self._shares(edges))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrippingNozzle(Lasting):
+    """Glue flows while the valve is closed.
+
+    Attributes:
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
+        flow: flow rate while the valve is closed, on top of what the dispenser's lag still delivers [mm³/s].
+    """
+
+    flow: float
+    kind: Literal["dripping nozzle"] = "dripping nozzle"
+
+    def _check(self) -> None:
+        at_least("flow", self.flow, 0, "mm³/s")
+
+    @property
+    def acts(self) -> bool:
+        return self.flow > 0 and self.duration > 0
+
+    @property
+    def magnitude(self) -> str:
+        return f"{self.flow:g} mm³/s while the valve is closed, {self._span}"
+
+    def flow_left(self, flow: Floats, valve: Floats, edges: Floats) -> Floats:
+        return flow + self.flow * np.minimum(1 - valve, self._shares(edges))
+
 
 ATMOSPHERE = 101.325  # [kPa]
 
