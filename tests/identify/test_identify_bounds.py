@@ -155,6 +155,24 @@ def test_a_position_stands_still_under_six_times_the_static_friction(factor, sam
     assert refused(check_encoder, AXIS, MODEL, position, torque, PERIOD) == frozen
 
 
+@pytest.mark.parametrize(("count", "refuses"), [(1.2, False), (0.3, True)])
+@pytest.mark.parametrize("offset", [0.0, 0.05])
+def test_an_axis_that_reverses_within_a_count_is_not_frozen(count, refuses, offset):
+    """A torque beyond friction turns the axis by a t² / 2 before a count shows it, whatever constant torque there is."""
+    bound = max(6 * MODEL.static, 0.1 * AXIS.peak_torque)
+    torque = np.full(400, offset)
+    # three samples of the standstill from 100 to 107 are driven
+    torque[103:] += 1.5 * bound
+    push = np.convolve(torque, np.ones(3) / 3, "same")[102:106] - offset
+    moved = PERIOD**2 * np.cumsum(np.cumsum(np.maximum(push - bound, 0.0))) / MODEL.inertia
+    step = count * moved[-1]
+    assert step > AXIS.resolution
+    steps = np.full(400, -step)
+    steps[100:107] = 0.0
+    steps[107:] = step
+    assert refused(check_encoder, AXIS, MODEL, np.cumsum(steps), torque, PERIOD) == refuses
+
+
 def back_and_forth(*lengths, step=0.1):
     """Positions of strokes of so many samples, to and fro."""
     steps = np.concatenate([np.full(length, step * (-1) ** k) for k, length in enumerate(lengths)])

@@ -63,6 +63,7 @@ _STILL = 0.005  # shortest standstill that counts [s]
 _FEWEST = 5  # samples of it
 _SETTLING = 2  # first samples of it, whose torque answers to the last count
 _MEAN = 3  # samples of the moving mean of the torque, against its noise
+_BANDS = 9  # places of what friction holds that are tried
 
 
 def check_encoder(
@@ -83,14 +84,18 @@ def check_encoder(
     """
     bound = max(HOLD * table.static, FRICTIONLESS_TORQUE * axis.peak_torque if np.isfinite(axis.peak_torque) else 0.0)
     calm = np.convolve(torque, np.ones(_MEAN) / _MEAN, "same")
-    changes = np.flatnonzero(np.diff(position) != 0) + 1
+    steps = np.abs(np.diff(position))
+    changes = np.flatnonzero(steps) + 1
+    # a log may be rounded further than the table's encoder
+    count = max(axis.resolution, float(steps[steps > 0].min(initial=np.inf)) if changes.size else 0.0)
     edges = np.unique([0, *changes, *starts, position.size])
     fewest = max(_FEWEST, round(_STILL / period))
     for start, end in pairwise(edges.tolist()):
         if end - start < fewest:
             continue
-        swing = float(np.ptp(calm[start + _SETTLING : end - 1]))
-        if swing > bound:
+        held = calm[start + _SETTLING : end - 1]
+        swing = float(np.ptp(held))
+        if swing > bound and _moved_by(held, bound, table.inertia, period) > count:
             raise NotIdentifiedError(
                 f"axis {axis.name}: its position stands still from {start * period:.4g} to {end * period:.4g} s of the "
                 f"log while the torque swings by {swing:.3g} N·m, friction holds at most {bound:.3g} N·m: the encoder "
@@ -107,6 +112,23 @@ def check_encoder(
             f"drive's peak torque moves it by {most:.3g} {axis.unit} in a sample: the encoder skips, or "
             "samples are missing"
         )
+
+
+def _moved_by(torque: Floats, swing: float, inertia: float, period: float) -> float:
+    """Return how far the torque beyond friction turns an inertia from rest at least [u].
+
+    An axis that reverses is turned for a moment by more than friction holds, and moves within a count of its encoder.
+
+    Args:
+        torque: (n,) [N·m].
+        swing: width of the band of torques that friction holds, wherever a constant torque puts it [N·m].
+        inertia: of the axis [N·m/(u/s²)].
+        period: of the samples [s].
+    """
+    low = np.linspace(torque.min(), torque.max() - swing, _BANDS)[:, None]
+    excess = torque - np.clip(torque, low, low + swing)
+    velocity = period * np.cumsum(excess, axis=1) / inertia
+    return float(np.abs(period * np.cumsum(velocity, axis=1)).max(axis=1).min())
 
 
 # Check of the log: encoder and torque must move enough to separate inertia, friction and delay.
