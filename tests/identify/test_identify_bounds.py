@@ -158,7 +158,7 @@ def test_a_position_stands_still_under_six_times_the_static_friction(factor, sam
 @pytest.mark.parametrize(("count", "refuses"), [(1.2, False), (0.3, True)])
 @pytest.mark.parametrize("offset", [0.0, 0.05])
 def test_an_axis_that_reverses_within_a_count_is_not_frozen(count, refuses, offset):
-    """A torque beyond friction turns the axis by a t² / 2 before a count shows it, whatever constant torque there is."""
+    """A torque beyond friction turns the axis by a t² / 2 before a count shows it, wherever a constant torque is."""
     bound = max(6 * MODEL.static, 0.1 * AXIS.peak_torque)
     torque = np.full(400, offset)
     # three samples of the standstill from 100 to 107 are driven
