@@ -259,7 +259,7 @@ class Improvement(Shown):
         begin = f"best with {names}" if names else "no lever helps"
         worst = max(self.improved.rows, key=row_burden)
         reach = "nothing meets the tolerance" if worst.state == FAIL else "no combination leaves a 20 % margin"
-        remains = f"{begin}; {reach}: {worst.name} remains"
+        remains = f"{begin}; {reach}: {worst.name} still {'fails' if worst.state == FAIL else 'warns'}"
         # then the row says itself what it lacks, as dots that get no glue
         if worst.fails_without_check or not worst.checks:
             return f"{remains}, {worst.remark}."
@@ -359,7 +359,7 @@ class Improvement(Shown):
         usages = _usages(trial.outcome.verdict, len(self.verdict.rows))
         if trial.failure:
             return (name, trial.setting, *usages, NOTHING, trial.failure)
-        return (name, trial.setting, *usages, f"{trial.outcome.duration:.2f}", trial.lever.cost)
+        return (name, trial.setting, *usages, f"{trial.outcome.duration:.2f}", trial.cost)
 
     @property
     def gains(self) -> list[str]:

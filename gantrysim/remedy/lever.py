@@ -18,6 +18,7 @@ from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY
 ROWS = (PATH, GLUE, STABILITY, MACHINE)
 FREE = "none"  # cost of a lever
 _DIGITS = 4  # of a setting's number
+_TIMES = "× "  # before a factor
 
 
 class Effort(IntEnum):
@@ -67,6 +68,7 @@ class Lever:
         name: in a word or two.
         meaning: what it changes.
         cost: what it costs, in words.
+        cost_above: what a factor above 1 costs; empty where that is `cost`.
         rows: of the verdict on which it acts.
         settings: returns the settings to try for a job, or the reason why the lever does not apply to it.
         causes: names of the causes of error against which it helps; it is tried where one of them matters, and
@@ -81,6 +83,12 @@ class Lever:
     settings: Callable[[State], Sequence[Setting] | str] = field(repr=False)
     causes: tuple[str, ...] = ()
     effort: Effort = Effort.SETTING
+    cost_above: str = ""
+
+    def cost_of(self, label: str) -> str:
+        """Return what a setting costs, by its label."""
+        is_above = label.startswith(_TIMES) and float(label.removeprefix(_TIMES)) > 1
+        return self.cost_above if is_above and self.cost_above else self.cost
 
 
 def rounded_number(value: float) -> float:
@@ -90,7 +98,7 @@ def rounded_number(value: float) -> float:
 
 def factor_text(factor: float) -> str:
     """Return a factor as text, such as "× 0.5"."""
-    return f"× {factor:g}"
+    return f"{_TIMES}{factor:g}"
 
 
 def milliseconds(seconds: float) -> str:

@@ -83,7 +83,7 @@ def remedy_of(improvement: Improvement) -> Remedy:
     if not improvement.changes_anything:
         return Remedy(_caption(improvement.sentence), sentence=improvement.sentence)
     after = improvement.improved
-    costs = "; ".join(dict.fromkeys(trial.lever.cost for trial in improvement.combination if trial.lever.cost != FREE))
+    costs = "; ".join(dict.fromkeys(trial.cost for trial in improvement.combination if trial.cost != FREE))
     before, now = (f"{outcome.duration:.2f} s" for outcome in (improvement.before, improvement.after))
     time = f"{now}, as before" if before == now else f"{now} instead of {before}"
     remains = "" if after.worst_check is None else f", {after.worst_check.brief}"

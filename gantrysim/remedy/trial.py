@@ -116,6 +116,11 @@ class Trial:
         """Why there is no complete run; empty where there is one."""
         return self.outcome.failure
 
+    @property
+    def cost(self) -> str:
+        """What it costs, in words."""
+        return self.lever.cost_of(self.setting)
+
 
 @dataclass(frozen=True)
 class Skipped:

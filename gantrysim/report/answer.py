@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass
 
 from gantrysim.report.headline import cause_sentences, glue_sentences, headline
-from gantrysim.results.checks import PASS, Row
+from gantrysim.results.checks import FAIL, NEAR_LIMIT, PASS, WARN, Row
 from gantrysim.results.glue import ploughing_remedy
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import GLUE, PATH
@@ -44,6 +44,7 @@ class AnswerRow:
         name: of the row.
         text: its worst value and limit, or its remark.
         place: where that is, in words; empty where it is unknown.
+        also: what else does not pass, or why a value within its limit warns.
     """
 
     state: str
@@ -51,6 +52,7 @@ class AnswerRow:
     name: str
     text: str
     place: str = ""
+    also: str = ""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class Answer:
         spoilt: what spoils the run, in sentences; empty for a run that passes.
         remedy: what to change; None where it has not been looked for.
         title: the verdict in a few words, without its symbol.
+        also_spoilt: what spoils the other one of path and glue where both do not pass.
     """
 
     state: str
@@ -72,6 +75,7 @@ class Answer:
     spoilt: str = ""
     remedy: Remedy | None = None
     title: str = ""
+    also_spoilt: str = ""
 
     @classmethod
     def of(cls, results: RunResults, remedy: Remedy | None = None) -> Answer:
@@ -88,14 +92,18 @@ class Answer:
         # told once, where it is the change
         if remedy is not None and order and order in remedy.change:
             spoilt = spoilt.replace(f": {order}", "")
-        return cls(verdict.state, verdict.headline, rows, spoilt, remedy, title)
+        return cls(verdict.state, verdict.headline, rows, spoilt, remedy, title, _also_spoilt(results))
 
 
 def _row(row: Row) -> AnswerRow:
     worst = row.worst_check or next(iter(row.checks), None)
     if worst is None or row.fails_without_check:
         return AnswerRow(row.state, row.symbol, row.name, row.remark)
-    return AnswerRow(row.state, row.symbol, row.name, worst.brief, worst.place.brief)
+    others = [check.measured for check in row.checks if check is not worst and check.state == FAIL]
+    also = f"also {', '.join(others)}" if others and row.name != PATH else ""
+    if row.state == WARN:
+        also = f"warns above {100 * NEAR_LIMIT:g} % of the limit"
+    return AnswerRow(row.state, row.symbol, row.name, worst.brief, worst.place.brief, also)
 
 
 def _spoilt(results: RunResults) -> str:
@@ -107,15 +115,31 @@ def _spoilt(results: RunResults) -> str:
         return ""
     if results.verdict.disturbances:
         return headline(results)
-    if row.name == PATH and results.causes is not None:
-        return " ".join(cause_sentences(results.causes))
-    if row.name == GLUE and (sentences := list(glue_sentences(row, results.glue_causes))):
-        return " ".join(sentences)
+    if sentences := _causes_of(row, results):
+        return sentences
     check = row.worst_check
     if check is None:
         return f"{row.remark[0].upper()}{row.remark[1:]}."
     where = f": {check.place}" if str(check.place) else ""
     return f"{check.brief[0].upper()}{check.brief[1:]}{where}."
+
+
+def _also_spoilt(results: RunResults) -> str:
+    """Return what spoils the better one of path and glue, where it does not pass either; empty where it is unknown."""
+    verdict = results.verdict
+    worst = verdict.worst_row
+    if worst is None or verdict.unjudged or verdict.disturbances:
+        return ""
+    rows = [row for row in verdict.rows if row.name in (PATH, GLUE) and row.state in (WARN, FAIL) and row is not worst]
+    causes = {row.name.capitalize(): _causes_of(row, results) for row in rows}
+    return " ".join(f"{name}: {text[0].lower()}{text[1:]}" for name, text in causes.items() if text)
+
+
+def _causes_of(row: Row, results: RunResults) -> str:
+    """Return the causes of path or glue in sentences; empty for another row, or where they are unknown."""
+    if row.name == PATH and results.causes is not None:
+        return " ".join(cause_sentences(results.causes, "rms"))
+    return " ".join(glue_sentences(row, results.glue_causes)) if row.name == GLUE else ""
 
 
 def written_on() -> str:

@@ -74,17 +74,21 @@ def contour_sentence(budget: Budget, causes: Causes | None = None) -> str:
     return " ".join(sentences) + along
 
 
-def cause_sentences(causes: Causes) -> Iterator[str]:
+def cause_sentences(causes: Causes, statistic: str = "") -> Iterator[str]:
     """Yield what causes the error: one cause, where it is worth at least half of it, else that no single one is.
 
     Effects do not add up, so that several causes may be worth half each; the largest is named.
+
+    Args:
+        causes: of the contour error, whose rms values they lower.
+        statistic: "rms" where no sentence before names it.
     """
     worths = [
         _Worth(effect.cause.name, effect.before["contour"].rms, effect.worth["contour"].rms, effect.cause.meaning)
         for effect in causes.effects
         if effect.worth
     ]
-    yield _main_cause(worths, CONTOUR.text, _LEAST_WORTH)
+    yield _main_cause(worths, CONTOUR.text, _LEAST_WORTH, statistic)
     if failed := [effect.cause.name for effect in causes.effects if not effect.worth]:
         yield f"Not known, as the run without it failed: {', '.join(failed)}."
 
@@ -132,22 +136,24 @@ class _Worth(NamedTuple):
         return self.worth / self.whole if self.whole > 0 else 0.0
 
 
-def _main_cause(worths: Sequence[_Worth], text: Callable[[float], str], least: float) -> str:
+def _main_cause(worths: Sequence[_Worth], text: Callable[[float], str], least: float, statistic: str = "") -> str:
     """Return the sentence on the cause that is worth most.
 
     Args:
         worths: of all causes.
         text: returns a value with its unit.
         least: worth below which a cause is not named.
+        statistic: of the values, such as "rms".
     """
+    of = f" {statistic}" if statistic else ""
     by_worth = sorted(worths, key=lambda cause: cause.share, reverse=True)
     if by_worth and by_worth[0].share >= _MAIN_CAUSE:
         main = by_worth[0]
         kind = "Cause" if main.share >= _CAUSE else "Main cause"
         remaining = text(main.whole - main.worth)
         name = f"{main.name} ({main.meaning})" if main.meaning else main.name
-        return f"{kind}: {name}, worth {text(main.worth)} of {text(main.whole)}; without it {remaining} are left."
-    names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in by_worth[:2] if cause.worth > least)
+        return f"{kind}: {name}, worth {text(main.worth)} of {text(main.whole)}{of}; without it {remaining} are left."
+    names = " and ".join(f"{cause.name} ({text(cause.worth)}{of})" for cause in by_worth[:2] if cause.worth > least)
     return f"No single cause is worth half of it{f'; worth most: {names}' if names else ''}."
 
 

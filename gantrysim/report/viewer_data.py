@@ -279,6 +279,12 @@ class ViewerData:
         times = self.results.budget.analysis.run.time[self.rows]
         return int(np.abs(times - place.time).argmin())
 
+    @property
+    def _worst_value(self) -> str:
+        """What is worst there, in words; empty where nothing is."""
+        check = self.results.verdict.placed_check
+        return "" if check is None else check.measured
+
     def content(self) -> dict[str, Any]:
         """Return what the viewer reads: columns, their series, the program's text, nominal values and tolerances."""
         run = self.results.budget.analysis.run
@@ -311,6 +317,7 @@ class ViewerData:
             "program": _listing(self._program_text, lines),
             "magnification": magnification(self.results.budget.analysis),
             "worst": self._worst_row,
+            "worst_value": self._worst_value,
             "passes": verdict.state == PASS,
             "shown": verdict.shown_row,
             "path_tolerance": _UM * (verdict.path_limit or self._tolerance.path_max),

@@ -142,12 +142,17 @@ class Check:
         return WARN if self.usage > NEAR_LIMIT else PASS
 
     @property
+    def measured(self) -> str:
+        """The value in words."""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.quantity} {number_text(self.value, self.form)}{unit}"
+
+    @property
     def brief(self) -> str:
         """Value and limit in words, without place and source."""
         unit = f" {self.unit}" if self.unit else ""
         bound = "at least" if self.at_least else "at most"
-        value = number_text(self.value, self.form)
-        return f"{self.quantity} {value}{unit}, {bound} {number_text(self.limit, self.form)}{unit}"
+        return f"{self.measured}, {bound} {number_text(self.limit, self.form)}{unit}"
 
     def __str__(self) -> str:
         text = f"{self.brief} ({self.source})"

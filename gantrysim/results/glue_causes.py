@@ -147,6 +147,12 @@ def _with_nozzle_shift(keep: tuple[float, float, float]) -> Callable[[Job, Bead]
     return without
 
 
+SPEED_CHANGES = GlueCause(
+    "speed changes",
+    "the nozzle passes all of its path at one speed",
+    at_constant_speed,
+    meaning="which the flow does not follow",
+)
 GLUE_CAUSES = (
     GlueCause(
         "valve delay", "the flow begins to change at once, without the leads for it", _with_dispenser(without_dead_time)
@@ -163,12 +169,7 @@ GLUE_CAUSES = (
         _with_dispenser(without_shot_rate),
         meaning="of the jet, which loses drops",
     ),
-    GlueCause(
-        "speed changes",
-        "the nozzle passes all of its path at one speed",
-        at_constant_speed,
-        meaning="which the flow does not follow",
-    ),
+    SPEED_CHANGES,
     GlueCause("path error", "the nozzle is above the requested path", _with_nozzle_shift((0.0, 0.0, 1.0)), moves=True),
     GlueCause(
         "needle gap", "the needle's height above the work is exact", _with_nozzle_shift((1.0, 1.0, 0.0)), moves=True
@@ -267,6 +268,8 @@ def glue_causes_of(job: Job, bead: Bead) -> GlueCauses | None:
 
 def _effects(job: Job, bead: Bead, row: Row) -> Iterator[GlueEffect]:
     for cause in GLUE_CAUSES:
+        if cause is SPEED_CHANGES and job.dispenser.follows_speed:
+            cause = replace(cause, meaning="which the flow follows late")
         try:
             run = cause.without(job, bead)
             if run is bead.run:

@@ -126,7 +126,7 @@ def test_what_forbids_it_is_named():
     job = lines_job(CIRCLE, tolerance={"path_max": 1e-4})
     result = improve(job, levers=["integral time"], fastest=False)
     assert result.improved.state == "fail"
-    assert "nothing meets the tolerance: path remains" in result.sentence
+    assert "nothing meets the tolerance: path still fails" in result.sentence
     assert "What forbids it is the servo link" in result.sentence
 
 
@@ -429,6 +429,6 @@ def test_dots_that_get_no_glue_are_said_so_and_nothing_else_is_blamed():
     result = improve(lines_job(text, dispenser={"area": 1.0}), workers=1)
     assert result.verdict["glue"].state == "fail"
     assert result.sentence.endswith(
-        "glue remains, 2 dots get no glue: none is requested at rest; dispenser.flow lays it "
+        "glue still fails, 2 dots get no glue: none is requested at rest; dispenser.flow lays it "
         "there, an area times the speed does not."
     )

@@ -65,10 +65,10 @@ def test_the_sentence_says_what_is_reached_and_what_remains():
     assert result_of(good, before=good).sentence == "nothing to change: the verdict is pass."
     better = outcome_of(0.5, 1.5, 1.2)
     sentence = result_of(better, combination=picked(better, "gain")).sentence
-    assert sentence.startswith("best with gain (× 2); nothing meets the tolerance: stability remains, size 0")
+    assert sentence.startswith("best with gain (× 2); nothing meets the tolerance: stability still fails, size 0")
     assert sentence.endswith("What forbids it is the servo: its loops have too little margin.")
     sentence = result_of(before=outcome_of(0.5, 0.85, 0.9), after=outcome_of(0.5, 0.85, 0.9)).sentence
-    assert sentence.startswith("no lever helps; no combination leaves a 20 % margin: machine remains, size 0")
+    assert sentence.startswith("no lever helps; no combination leaves a 20 % margin: machine still warns, size 0")
     assert sentence.endswith("What forbids it is the drives: their torque or speed has too little reserve.")
 
 
@@ -100,7 +100,7 @@ def test_what_no_lever_cures_is_told_first_with_what_does():
     most = glue_of(0.5, 2.0, crossed)
     sentence = result_of(most, before=before, combination=picked(most, "lift", before=before)).sentence
     assert sentence == (
-        "best with lift (× 2); nothing meets the tolerance: glue remains, bead ploughed 0.5 mm, at most 0 mm. "
+        "best with lift (× 2); nothing meets the tolerance: glue still fails, bead ploughed 0.5 mm, at most 0 mm. "
         "The path crosses its own bead: lay it without crossings."
     )
 
@@ -109,7 +109,7 @@ def test_the_lever_that_lowers_the_worst_value_is_named_first():
     before, wide, most = glue_of(14.7, 22.0), glue_of(14.7, 5.0), glue_of(1.5, 5.0)
     levers = [trial_of("lag compensation", "", before, wide), trial_of("lift", "3 mm", before, most)]
     assert result_of(most, before=before, combination=levers).sentence.startswith(
-        "best with lift (3 mm), lag compensation; nothing meets the tolerance: glue remains, bead ploughed 1.5 mm"
+        "best with lift (3 mm), lag compensation; nothing meets the tolerance: glue still fails, bead ploughed 1.5 mm"
     )
 
 

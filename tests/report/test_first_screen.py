@@ -216,7 +216,7 @@ def test_the_card_holds_the_whole_answer_in_its_size(results, tmp_path):
     answer = Answer.of(results, REMEDY)
     save_card(tmp_path / "card.png", results, answer)
     assert imageio.v3.imread(tmp_path / "card.png").shape[:2] == (HEIGHT, WIDTH)
-    costs = "Costs: an analogue output for the pump; torque, or time; another loop in the program; cycle time. "
+    costs = "Costs: an analogue output for the pump; torque; another loop in the program; cycle time. "
     long = replace(
         answer, spoilt=f"{answer.spoilt} " * 4, remedy=replace(REMEDY, change="best with " * 40, outcome=costs * 4)
     )

@@ -131,7 +131,8 @@ def test_hovering_over_each_view_shows_the_values_there(page, results):
     run = results.budget.analysis.run
     worst = results.verdict.worst_place.time
     assert check_readout(page, results) == round(worst / run.period)
-    assert " ".join(page.text(".stage .now").split()).startswith(f"worst: t = {worst:.3f} s")
+    value = results.verdict.placed_check.measured
+    assert " ".join(page.text(".stage .now").split()).startswith(f"worst: {value} · t = {worst:.3f} s")
     left, top, width, height = page.box(STRIP)
     for share in (0.2, 0.5, 0.93):
         page.mouse("mouseMoved", left + share * width, top + 0.5 * height)

@@ -75,14 +75,16 @@ def _corners(state: State) -> list[Setting] | str:
 ACCELERATION = Lever(
     name="acceleration",
     meaning="limits of acceleration and jerk along the program",
-    cost="torque, or time",
+    cost="time",
+    cost_above="torque",
     rows=(PATH, GLUE, MACHINE),
     settings=_ramps,
 )
 CORNERS = Lever(
     name="corner rounding",
     meaning="distance or time over which the controller rounds corners",
-    cost="shape, or time",
+    cost="time",
+    cost_above="shape of the corners",
     rows=(PATH, GLUE, MACHINE),
     settings=_corners,
     effort=Effort.PROCESS,

@@ -141,10 +141,10 @@ def _colouring(results: RunResults, bead: Bead, nominal: float) -> tuple[Floats,
         size = UM * np.interp(np.arange(len(bead.length)), analysis.ticks, budget.contour.size)
         values = bead.along(size)
         limit = UM * (results.verdict.path_limit or tolerance.path_max)
-        return values / limit, SHARE, ("contour error", "0", f"{SHARE.high * limit:.3g} µm")
+        return values / limit, SHARE, (f"contour error, limit {limit:.3g} µm", "0", f"{SHARE.high * limit:.3g} µm")
     limit = tolerance.bead_width
     span = WIDTH.high * limit
-    words = (f"width, of {nominal:.3g} mm", f"−{span:g} %", f"+{span:g} %")
+    words = (f"width, limits {nominal:.3g} mm ± {limit:g} %", f"−{span:g} %", f"+{span:g} %")
     return 100 * (bead.width / nominal - 1) / limit, WIDTH, words
 
 

@@ -148,6 +148,7 @@ export class RunData {
   /** @type {Values} */ along;
   /** @type {{ x: number[], y: number[] }} */ requested;
   /** @type {number} */ worst;
+  /** @type {string} what is worst there, in words */ worstValue;
   /** @type {Stretch[]} where the dispenser is off */ off;
 
   /** @param {RunContent} content */
@@ -176,6 +177,7 @@ export class RunData {
     let largest = 0;
     for (let k = 0; k < rows; k++) if (this.size[k] > (this.size[largest] || 0)) largest = k;
     this.worst = content.worst ?? largest; // where the verdict is worst
+    this.worstValue = content.worst === null ? "" : content.worst_value;
     this.off = stretches(rows, (k) => !this.column.dispense[k]);
   }
 
@@ -221,6 +223,12 @@ export class RunData {
   /** The row nearest to a time [s]. @param {number} time */
   rowAt(time) {
     return nearest(this.time, time);
+  }
+
+  /** The size of the contour error as text with its unit. @param {number} row */
+  sizeText(row) {
+    const { decimals, unit } = this.seriesOf("contour");
+    return `${number(this.size[row], decimals)} ${unit}`;
   }
 
   /** A value as text with its unit; a dash where there is none. @param {string} name @param {number} row */

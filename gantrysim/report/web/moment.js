@@ -6,7 +6,11 @@ export class Moment {
   /** @param {RunData} data @param {Cursor} cursor */
   constructor(data, cursor) {
     this.data = data;
-    this.element = element("output", { class: "now", "aria-live": "off" });
+    this.output = element("output", { class: "now", "aria-live": "off" });
+    this.element = element("div", {}, this.output);
+    if (data.width) {
+      this.element.append(element("small", {}, "Starts and stops of the bead are judged by their length, not by its width."));
+    }
     cursor.onMove((row) => this._show(row));
     this._show(cursor.row);
   }
@@ -15,11 +19,13 @@ export class Moment {
   _show(row) {
     const { data } = this;
     const line = data.column.line[row];
-    const parts = [`${row === data.worst ? "worst: " : ""}t = ${data.time[row].toFixed(3)} s`];
+    const time = `t = ${data.time[row].toFixed(3)} s`;
+    const parts = row !== data.worst ? [time] : [`worst: ${data.worstValue || time}`];
+    if (row === data.worst && data.worstValue) parts.push(time);
     if (line) parts.push(`line ${line}`);
-    if (!isNaN(data.size[row])) parts.push(`path error ${data.text("contour", row)}`);
+    if (!isNaN(data.size[row]) && !(row === data.worst && data.shown === "path")) parts.push(`path error ${data.sizeText(row)}`);
     if (data.width && data.column.dispense[row]) parts.push(`bead width ${data.text("width", row)}`);
     // lines end between parts only
-    this.element.textContent = parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ");
+    this.output.textContent = parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ");
   }
 }

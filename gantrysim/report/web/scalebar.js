@@ -11,7 +11,9 @@ export class ScaleBar {
     this.bar = element("span");
     this.low = element("span");
     this.high = element("span");
-    this.element = element("span", { class: "scale" }, this.low, this.bar, this.high);
+    this.limit = element("small");
+    const ramp = element("span", { class: "limited" }, this.bar, this.limit);
+    this.element = element("span", { class: "scale" }, this.low, ramp, this.high);
     this.show(byWidth);
   }
 
@@ -23,6 +25,8 @@ export class ScaleBar {
     const end = Number(digits(endOf(stops) * limit)); // without zeros at its end
     this.low.textContent = byWidth ? `−${end} %` : "0";
     this.high.textContent = byWidth ? `+${end} %` : `${end} µm`;
+    const text = Number(digits(limit)); // without zeros at its end
+    this.limit.textContent = byWidth ? `limit ±${text} %` : `limit ${text} µm`;
     bar.className = `ramp ${byWidth ? "width" : "share"}`;
     bar.replaceChildren();
     for (const value of byWidth ? [-1, 1] : [1]) {

@@ -74,6 +74,7 @@ interface RunContent {
   program: Record<string, string> | null;
   magnification: number;
   worst: number | null;
+  worst_value: string;
   passes: boolean;
   shown: string;
   path_tolerance: number;
