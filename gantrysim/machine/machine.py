@@ -350,7 +350,7 @@ class Machine:
         return self._models.stepping(timestep, voltage, stops)
 
     def to_qpos(self, position: ArrayLike) -> Floats:
-        """Return MuJoCo's qpos for a position of the axes, (axes,) [mm or deg].
+        """Return MuJoCo's qpos, (..., nq), for positions of the axes, (..., axes) [mm or deg].
 
         The joints of a closed chain follow the axes; all other joints are at their reference.
         """

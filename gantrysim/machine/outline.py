@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -77,28 +76,35 @@ def outline(machine: Machine, positions: Floats) -> list[Part]:
     """
     model = machine.model
     data = mujoco.MjData(model)
-    qpos = np.array([machine.to_qpos(position) for position in positions])
+    qpos = machine.to_qpos(positions)
     carriers = _carriers(model, qpos)
     bodies = np.unique(carriers)
     wanted = np.append(bodies, machine.work)
     places = np.empty((len(qpos), len(wanted), 3))
     turns = np.empty((len(qpos), len(wanted), 4))
+    # views: each look at an attribute takes as long as a copy
+    joints, body_places, body_turns = data.qpos, data.xpos, data.xquat
     with quiet():
-        for place, turn, joints in zip(places, turns, qpos, strict=True):
-            data.qpos[:] = joints
+        for k, pose in enumerate(qpos):
+            joints[:] = pose
             mujoco.mj_kinematics(model, data)
-            place[:] = data.xpos[wanted]
-            turn[:] = data.xquat[wanted]
-        solids = [tuple(_solids(model, data, np.flatnonzero(carriers == body), int(body))) for body in bodies]
+            places[k] = body_places[wanted]
+            turns[k] = body_turns[wanted]
+    solids = _solids(model, data, carriers)
     # of the work, from which all others are seen
-    inverse = turns[:, -1] * [1.0, -1.0, -1.0, -1.0]
+    inverse = _inverse(turns[:, -1])
     parts = []
-    for k, (body, shapes) in enumerate(zip(bodies.tolist(), solids, strict=True)):
-        if shapes:
+    for k, body in enumerate(bodies.tolist()):
+        if body in solids:
             position = _MM * _rotated(places[:, k] - places[:, -1], inverse)
             rotation = _steady_sign(_product(inverse, turns[:, k]))
-            parts.append(Part(model.body(body).name, shapes, position, rotation))
+            parts.append(Part(model.body(body).name, tuple(solids[body]), position, rotation))
     return parts
+
+
+def _inverse(rotation: Floats) -> Floats:
+    """Return the inverse of unit quaternions, (n, 4)."""
+    return rotation * [1.0, -1.0, -1.0, -1.0]
 
 
 def _product(first: Floats, second: Floats) -> Floats:
@@ -127,37 +133,31 @@ def _carriers(model: mujoco.MjModel, qpos: Floats) -> NDArray[np.intp]:
     return carriers
 
 
-def _in_body(data: mujoco.MjData, body: int, position: Floats, rotation: Floats) -> Floats:
-    """Return position and quaternion of a frame of the world in the frame of a body, (7,) [m]."""
-    inverse = np.empty(4)
-    mujoco.mju_negQuat(inverse, data.xquat[body])
-    relative = np.empty(7)
-    mujoco.mju_rotVecQuat(relative[:3], position - data.xpos[body], inverse)
-    mujoco.mju_mulQuat(relative[3:], inverse, rotation)
-    return relative
-
-
-def _solids(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.intp], carrier: int) -> Iterator[Solid]:
-    """Yield the solids of some bodies in the frame of the body that carries them, as they are posed."""
+def _solids(model: mujoco.MjModel, data: mujoco.MjData, carriers: NDArray[np.intp]) -> dict[int, list[Solid]]:
+    """Return the solids of the bodies, as they are posed, by the body that carries them, and in its frame."""
     needle = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, NEEDLE)
-    for geom in np.flatnonzero(np.isin(model.geom_bodyid, bodies)).tolist():
-        kind = int(model.geom_type[geom])
-        if kind in _WITHOUT_BODY or (model.geom_rbound[geom] < _LEAST_RADIUS and geom != needle):
-            continue
-        body = int(model.geom_bodyid[geom])
-        centre = model.geom_pos[geom].copy()
-        size = model.geom_size[geom]
-        # the box around it, in the frame of the geom
-        if kind not in _KINDS:
-            shift = np.empty(3)
-            mujoco.mju_rotVecQuat(shift, model.geom_aabb[geom, :3], model.geom_quat[geom])
-            centre += shift
-            size = model.geom_aabb[geom, 3:]
-        position = np.empty(3)
-        rotation = np.empty(4)
-        mujoco.mju_mulPose(position, rotation, data.xpos[body], data.xquat[body], centre, model.geom_quat[geom])
-        frame = _in_body(data, carrier, position, rotation)
-        yield Solid(_KINDS.get(kind, BOX), _MM * size, _MM * frame[:3], frame[3:], geom == needle)
+    is_wanted = (model.geom_rbound >= _LEAST_RADIUS) | (np.arange(model.ngeom) == needle)
+    geoms = np.flatnonzero(is_wanted & ~np.isin(model.geom_type, _WITHOUT_BODY))
+    kinds = model.geom_type[geoms]
+    centre = model.geom_pos[geoms]
+    size = model.geom_size[geoms]
+    turn = model.geom_quat[geoms]
+    # the box around it, in the frame of the geom
+    is_boxed = ~np.isin(kinds, list(_KINDS))
+    box = model.geom_aabb[geoms[is_boxed]]
+    centre[is_boxed] += _rotated(box[:, :3], turn[is_boxed])
+    size[is_boxed] = box[:, 3:]
+    body = model.geom_bodyid[geoms]
+    carrier = carriers[body]
+    inverse = _inverse(data.xquat[carrier])
+    from_carrier = data.xpos[body] + _rotated(centre, data.xquat[body]) - data.xpos[carrier]
+    position = _rotated(from_carrier, inverse)
+    rotation = _product(inverse, _product(data.xquat[body], turn))
+    solids: dict[int, list[Solid]] = {}
+    for k, (of, kind, geom) in enumerate(zip(carrier.tolist(), kinds.tolist(), geoms.tolist(), strict=True)):
+        solid = Solid(_KINDS.get(kind, BOX), _MM * size[k], _MM * position[k], rotation[k], geom == needle)
+        solids.setdefault(of, []).append(solid)
+    return solids
 
 
 def _steady_sign(rotation: Floats) -> Floats:

@@ -221,19 +221,20 @@ class Posing:
         self.turns_work = self._chain.turns_body
 
     def qpos(self, reference: Floats, position: ArrayLike) -> Floats:
-        """Return qpos at a position of the axes, (nq,); joints that neither move nor follow are at their reference.
+        """Return qpos at positions of the axes, (..., nq); joints that neither move nor follow are at their reference.
 
         Args:
             reference: qpos0 of the model, which may have home offsets, (nq,).
-            position: of the axes, (axes,) [mm or deg].
+            position: of the axes, (..., axes) [mm or deg].
         """
         position = np.asarray(position, float)
-        qpos = reference.copy()
-        qpos[self._joints] = position / self._per_si
+        positions = np.atleast_2d(position)
+        qpos = np.tile(reference, (len(positions), 1))
+        qpos[:, self._joints] = positions / self._per_si
         # a home offset moves the reference: encoders read zero where the axis is not
         offset = (self._reference - reference)[self._joints] * self._per_si
-        qpos[self._followers] = self._kinematics.follow((position + offset)[None])[0]
-        return qpos
+        qpos[:, self._followers] = self._kinematics.follow(positions + offset)
+        return qpos.reshape(*position.shape[:-1], -1)
 
     def rates(self, physics: mujoco.MjModel) -> Floats:
         """Return the velocity of every degree of freedom per velocity of an axis at zero [SI], (nv, axes)."""

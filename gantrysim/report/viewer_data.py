@@ -8,7 +8,7 @@ errors within ± 1 mm by 0.008 µm. Times, program lines and the state of the di
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -57,7 +57,7 @@ def space_content(results: RunResults, poses: int = POSES) -> dict[str, Any]:
     gap = run.gap if results.bead is None else results.bead.gap
     return {
         "space": {"gap": gap, "poses": int(ticks.size), "parts": [_part_content(part) for part in parts]},
-        "solids": [[_solid_content(solid) for solid in part.solids] for part in parts],
+        "solids": [_solid_contents(part.solids) for part in parts],
     }
 
 
@@ -79,10 +79,14 @@ def _part_content(part: Part) -> dict[str, Any]:
     }
 
 
-def _solid_content(solid: Solid) -> list[Any]:
-    """Return kind, size, position, rotation and whether it is the needle in a row, within 0.01 mm."""
-    lengths = np.round([*solid.size, *solid.position], 2).tolist()
-    return [solid.kind, *lengths, *np.round(solid.rotation, 4).tolist(), solid.needle]
+def _solid_contents(solids: Sequence[Solid]) -> list[list[Any]]:
+    """Return of each solid kind, size, position, rotation and whether it is the needle in a row, within 0.01 mm."""
+    lengths = np.round([[*solid.size, *solid.position] for solid in solids], 2).tolist()
+    rotations = np.round([solid.rotation for solid in solids], 4).tolist()
+    return [
+        [solid.kind, *length, *rotation, solid.needle]
+        for solid, length, rotation in zip(solids, lengths, rotations, strict=True)
+    ]
 
 
 def _coordinate_content(values: Floats) -> Any:

@@ -10,6 +10,7 @@ from importlib.resources import files
 from inspect import getclosurevars
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,6 +20,7 @@ from gantrysim import Job
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import LEVEL, climb, leaves_plane
 from gantrysim.job.basis import program_lines, program_lines_at
+from gantrysim.machine.machine import Machine
 from gantrysim.machine.outline import outline
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.metrics.budget import Budget
@@ -303,6 +305,38 @@ def test_the_outlines_needle_ends_at_the_nozzle(name):
         distances.append(np.linalg.norm(place - machine.tip(positions), axis=1))
     assert np.min(distances, axis=0).max() < 1e-3
     assert all(np.sum(part.rotation[1:] * part.rotation[:-1], axis=1).min() > 0 for part in parts)
+
+
+@pytest.mark.parametrize("name", ["xyzr", "stage", "delta"])
+def test_the_outlines_solids_lie_where_mujoco_has_their_geoms(name):
+    machine = Machine(name)
+    positions = np.random.default_rng(2).uniform(0, 9, (5, len(machine.axes)))
+    positions[:, 0] = 4.0  # of an axis that stands still, away from its home
+    parts = outline(machine, positions)
+    model = machine.model
+    data = mujoco.MjData(model)
+    # others are planes, and meshes, of which a box is shown
+    kinds = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_CAPSULE)
+    geoms = np.flatnonzero(np.isin(model.geom_type, [int(kind) for kind in kinds]) & (model.geom_rbound > 0.012))
+    assert geoms.size > 10
+    for pose, position in enumerate(positions):
+        data.qpos[:] = machine.to_qpos(position)
+        mujoco.mj_kinematics(model, data)
+        turn = data.xmat[machine.work].reshape(3, 3)
+        centres = 1e3 * (data.geom_xpos[geoms] - data.xpos[machine.work]) @ turn
+        places = [
+            part.position[pose] + rotated(part.rotation[pose], solid.position)
+            for part in parts
+            for solid in part.solids
+        ]
+        apart = np.linalg.norm(np.array(places)[:, None] - centres, axis=2)
+        assert apart.min(axis=0).max() < 1e-9
+
+
+def test_joints_at_many_positions_are_those_at_each():
+    machine = Machine("delta")
+    positions = np.random.default_rng(3).uniform(0, 9, (4, len(machine.axes)))
+    assert np.array_equal(machine.to_qpos(positions), [machine.to_qpos(position) for position in positions])
 
 
 def rotated(quaternion, vector):
