@@ -29,6 +29,7 @@ from gantrysim import Machine
 from gantrysim.cli.main import main
 from gantrysim.paths.arcs import ArcChain
 
+from support.blank_pictures import save_blank
 from support.browser import Browser, chromium
 from support.fresh import FreshProcesses
 
@@ -146,8 +147,13 @@ def circle() -> Callable[..., ArcChain]:
 
 
 @pytest.fixture
-def gantrysim_command(monkeypatch, capsys):
-    """Run the command in this process: exit status, standard output, standard error."""
+def gantrysim_command(request, monkeypatch, capsys):
+    """Run the command in this process: exit status, standard output, standard error.
+
+    Its figures are blank, see `support.blank_pictures`, but in tests marked `drawn` and in those of the soak.
+    """
+    if not any(request.node.get_closest_marker(name) for name in ("drawn", "soak")):
+        monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
 
     def command(*arguments):
         monkeypatch.setattr(sys, "argv", ["gantrysim", *map(str, arguments)])
