@@ -146,6 +146,14 @@ def circle() -> Callable[..., ArcChain]:
     return build
 
 
+@pytest.fixture(scope="module")
+def blank_pictures() -> Iterator[None]:
+    """Figures that tests of a module, and its fixtures, write are blank, see `support.blank_pictures`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("matplotlib.figure.Figure.savefig", save_blank)
+        yield
+
+
 @pytest.fixture
 def gantrysim_command(request, monkeypatch, capsys):
     """Run the command in this process: exit status, standard output, standard error.

@@ -21,6 +21,7 @@ from gantrysim.study import Ledger, StudyInterrupted, run_cases, run_study
 from gantrysim.study import run as study_run
 from gantrysim.study.ledger import LEDGER
 
+from support.soaked import suite_runs
 from support.studies import PATIENCE, SHORT, Counted, Toy, begun, content, members, spoken
 
 DATA = ("study.csv", "curves.csv", "study.toml", "job.toml")
@@ -117,7 +118,7 @@ def test_further_files_are_written_before_anything_is_printed(tmp_path, job, mon
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks the system for processes by their group")
-@pytest.mark.parametrize("rows", [0, 1])
+@pytest.mark.parametrize("rows", suite_runs([0, 1], 1))
 def test_workers_end_with_a_study_that_is_killed(tmp_path, rows):
     process = begun(tmp_path / "loop", rows)
     until = time.monotonic() + PATIENCE

@@ -18,6 +18,8 @@ from gantrysim.study.tuning.servo import servo_toml
 from support import own_laws
 from support.tunings import circle
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 FILE = f"{own_laws.__file__}:compiled_pd"
 
 

@@ -29,6 +29,8 @@ from gantrysim.study.loop.plots import plots
 from gantrysim.study.loop.report import question, report
 from gantrysim.study.loop.trends import Convergence, convergence, crossing, knee, loop_knee, power
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 SMALL = {
     "loop_periods": (0.01, 0.03, 0.1),
     "interpreter_times": (0.0, 1e-3, 4e-3),

@@ -21,6 +21,8 @@ from gantrysim.study.repeat import (
 
 from support.distinct import unaccounted
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 PROJECTED = 1e-5  # [mm], of a shift seen square to the path: what the repeats' lags along it make of it
 SPIRAL = ("diameter=60.0", "turns=1", "thickness=10.0")
 

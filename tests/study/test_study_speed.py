@@ -22,6 +22,8 @@ from gantrysim.study.speed.study import speed_changes
 from support.distinct import unaccounted
 from support.remedies import SIDES, lines_job
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 MOST_ROUNDS = 40
 
 

@@ -28,6 +28,8 @@ from support.soaked import suite_runs
 from support.studies import content
 from support.tunings import GAINS, best_of_grid, circle, detuned, searched, tuning
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 OF_GRID = 1.05  # largest ratio of the metric found to the best of an exhaustive grid
 EXACT = 1e-12  # relative
 BUDGET = 26  # runs of the search that most tests share
@@ -205,6 +207,7 @@ def test_the_final_check_runs_start_and_result_on_other_machines(outcome):
     assert tuned[1]["contour_rms_um"] < start[1]["contour_rms_um"]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("workers", [2])
 def test_the_result_does_not_depend_on_the_number_of_workers(outcome, poor, tmp_path, workers):
     _, done, folder = outcome
@@ -309,6 +312,7 @@ def test_axes_tuned_separately_for_the_tracking_error():
 OF_EVOLUTION = 14.57  # least servo_max of the circle in 1840 runs of SciPy's differential evolution [µm]
 
 
+@pytest.mark.soak
 def test_the_largest_error_is_minimised_in_the_better_of_its_two_valleys(monkeypatch):
     """Velocity feed-forward far above the viscous torque compensates friction; a descent from its share stays there."""
     study = tuning(circle(), metric="servo_max", budget=60, robust=0, unseen=0)

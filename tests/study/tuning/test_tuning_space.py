@@ -1,6 +1,7 @@
 """The search space, its gains and bounds, and the stability margin that limits it."""
 
 import dataclasses
+import itertools
 import math
 import tomllib
 
@@ -17,6 +18,8 @@ from gantrysim.study.tuning.objective import RIPPLE, trial_result
 from gantrysim.study.tuning.servo import servo_toml, tuned_toml
 from gantrysim.study.tuning.space import SEARCHED, SPACES, SearchSpace
 from gantrysim.study.tuning.stability import Fastest, Stability, phase_margin
+
+from support.soaked import suite_runs
 
 PERIOD = 1e-3
 ROUNDED = 5.1e-4  # relative, of four digits
@@ -160,9 +163,11 @@ def machines(xyz):
     return [xyz, xyz.perturbed(Perturbation(payload=0.5, stiffness=0.6)), xyz.perturbed(Perturbation(viscous=2.0))]
 
 
-@pytest.mark.parametrize("margin", [1.6, 2.0, 3.0])
-@pytest.mark.parametrize("per_axis", [False, True])
-@pytest.mark.parametrize("guess", [-0.6, 0.0, 0.5])
+@pytest.mark.parametrize(
+    ("margin", "per_axis", "guess"),
+    # a case of each margin, of each guess, and of axes together and apart
+    suite_runs(list(itertools.product([1.6, 2.0, 3.0], [False, True], [-0.6, 0.0, 0.5])), 0, 10, 14),
+)
 def test_the_fastest_loops_are_at_the_edge_of_the_margin_on_the_hardest_machine(machines, margin, per_axis, guess):
     stability = Stability(machines, PERIOD, 0.0, margin)
     own = space("pid", per_axis=per_axis, axes=machines[0].axes, derived=Servo.derive(machines[0].axes, PERIOD))
