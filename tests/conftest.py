@@ -32,8 +32,14 @@ from gantrysim.paths.arcs import ArcChain
 from support.blank_pictures import save_blank
 from support.browser import Browser, chromium
 from support.fresh import FreshProcesses
+from support.soaked import number_of_examples
 
-settings.register_profile("any machine", max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "any machine",
+    max_examples=number_of_examples(50),
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
 settings.load_profile("any machine")
 
 RIGID = """

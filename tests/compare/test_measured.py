@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
@@ -26,6 +26,7 @@ from gantrysim.tables.reading import read_table
 
 from support.compared import circle_job
 from support.jobs import job_run
+from support.soaked import examples
 
 FOUND_SHIFT = 0.1  # of a sample
 FOUND_PLACE = 1e-4  # [mm]
@@ -59,7 +60,7 @@ def logged(run, link, rate, late=0.0, moved=0.0, turn=0.0, noise=0.0, seed=1):
     turn=st.one_of(st.just(0.0), st.floats(-179, 179)),
     link=st.sampled_from(["commanded", "encoder", "nozzle"]),
 )
-@settings(max_examples=15)
+@examples(15)
 def test_shift_offset_and_turn_are_found_again(run, late, x, rate, turn, link):
     turn = turn if link == "nozzle" else 0.0
     time, positions = logged(run, link, rate, late, x, turn, noise=1e-3)
@@ -386,7 +387,7 @@ def test_a_measured_circle_has_the_values_of_the_circular_test(circle_test):
     late=st.floats(-5, 5),
     link=st.sampled_from(["commanded", "encoder", "nozzle"]),
 )
-@settings(max_examples=10)
+@examples(10)
 def test_a_trace_of_a_part_is_found_along_the_run_and_compared_there(run, begin, share, late, link):
     """Its budget is that of the whole run at the same ticks."""
     time, positions = logged(run, link, 1 / run.period, late, 7.0, noise=1e-3)

@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Budget, InputError, Job, Machine
@@ -23,6 +23,7 @@ from gantrysim.compare.vertices import noise_of
 
 from support.compared import circle_job
 from support.jobs import job_run
+from support.soaked import examples
 
 MACHINE = Machine("xy")
 FEED = 50.0  # [mm/s]
@@ -270,7 +271,7 @@ def test_a_program_run_at_another_feed_has_its_own_contour_error(link):
     assert offset[1] == pytest.approx(0.0, abs=1e-3)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(
     st.integers(8, 400),
     st.sampled_from(["constant", "noise", "walk", "two places", "spike", "line"]),

@@ -5,11 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
+
+from support.soaked import examples
 
 POSITION = 1e-8  # [mm]
 PLANE_SPEED = 1e-6  # relative, of the speed in the plane
@@ -73,7 +75,7 @@ def speeds(setpoints):
 
 
 @given(jobs())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_the_generated_path_is_that_of_three_virtual_axes(job):
     spiral = MoveSpiral(**job)
     place, z, time = pass_by_pass(spiral)
@@ -88,7 +90,7 @@ def test_the_generated_path_is_that_of_three_virtual_axes(job):
 
 
 @given(jobs(), st.floats(50, 300))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_setpoints_pass_the_joints_in_time_at_constant_speed_in_between(job, ticks):
     spiral = MoveSpiral(**job)
     place, z, time = pass_by_pass(spiral)

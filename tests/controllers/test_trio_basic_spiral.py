@@ -6,13 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio import Basic, InterpreterTime, MoveSpiral, StatedSpiral
 from gantrysim.paths.spirals import Involute
+
+from support.soaked import examples
 
 POSITION = 1e-9  # [mm]
 PAGE = (Path(__file__).parent.parent.parent / "docs" / "trio-basic.md").read_text(encoding="utf-8")
@@ -90,7 +92,7 @@ def jobs(draw):
 
 
 @given(jobs())
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_random_spirals_agree_with_the_closed_form(job):
     try:
         spiral = MoveSpiral(**job)

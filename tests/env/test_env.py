@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Job, simulate
@@ -23,6 +23,7 @@ from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import Analysis, path_speed, torque_ripple
 
 from support.episodes import stepwise, stepwise_vector
+from support.soaked import examples
 
 SHORT = {"diameter": 48.0, "turns": 1, "thickness": 8.0, "speed": 100.0}
 FAULTY = np.array([1, -1, 0, 0], np.float32)  # high stiffness, low damping
@@ -237,7 +238,7 @@ def test_a_fixed_spiral_still_draws_its_machine(env):
     assert np.array_equal(runs[2].demand, runs[3].demand)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seed=st.integers(0, 2**31), thickness=st.floats(6, 12))
 def test_a_random_spiral_leaves_room_inside(seed, thickness):
     env = _room(thickness)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
@@ -24,6 +24,7 @@ from gantrysim.servo.servo import Servo
 
 from support.costs import expected_cost
 from support.episodes import returned, same, seen
+from support.soaked import examples
 
 TASK = "gantrysim/SpiralTuning-v0"
 BRIEF = {"diameter": 28.0, "turns": 4, "thickness": 2.0, "speed": 300.0}
@@ -52,7 +53,7 @@ def table(machine, servo):
 
 
 @given(kp=st.integers(-16, 16), kd=st.integers(-16, 16), eighths=st.integers(0, 32), off=st.floats(-0.06, 0.06))
-@settings(deadline=None, max_examples=20)
+@examples(20)
 def test_the_cost_is_that_of_the_loops_with_the_payload_in_eighths_of_a_kilogram(
     machine, servo, table, kp, kd, eighths, off
 ):
@@ -144,7 +145,7 @@ def test_gains_stay_within_their_range():
     tau=st.floats(0.02, 0.3),
     count=st.integers(20, 300),
 )
-@settings(deadline=None, max_examples=20)
+@examples(20)
 def test_the_ratio_is_that_of_weighted_least_squares_of_filtered_torques(level, friction, tau, count):
     random = np.random.default_rng(count)
     nominal = Nominal(inertia=np.array([17.0, 24.0]), viscous=np.array([0.02, 0.03]))

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_discrete_are
@@ -33,6 +33,7 @@ from gantrysim.machine.motors import BRISTLE_STIFFNESS
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 
+from support.soaked import examples
 from support.two_masses import Plant, follow
 
 PERIOD = 1e-3
@@ -98,7 +99,7 @@ def plant_log(machine, setpoints, plant):
     return Log(("y",), PERIOD, 1e3 * rows[:, :1], torque[:, None], held=True)
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(
     inertia=st.floats(1e-6, 1e-4),
     viscous=st.floats(1e-6, 1e-4),
@@ -124,7 +125,7 @@ def test_the_regression_refuses_an_axis_at_rest():
         regression(np.zeros(5000), np.zeros(5000), PERIOD)
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(noise=st.floats(0.1, 100.0), factor=st.floats(0.3, 3.0), share=st.floats(0.05, 0.9))
 def test_the_gain_is_that_of_the_riccati_equation(noise, factor, share):
     model = replace(MODEL, share=share)

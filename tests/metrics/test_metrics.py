@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -31,6 +31,7 @@ from gantrysim.record.run import Run
 from gantrysim.record.run_file import Fault
 
 from support.runs import archimedean
+from support.soaked import examples
 
 EXACT = 1e-9  # [mm]
 SPACING = 1e-9  # of an involute followed perfectly [mm]
@@ -143,7 +144,7 @@ def test_spacing_exists_at_all_points_before_the_last_turn(clockwise):
 
 
 @given(st.floats(-4, 4), st.floats(1, 15), st.booleans())
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_a_constant_lateral_error_does_not_change_the_spacing(error, pitch, clockwise):
     """A curve parallel to an involute has the same normals and the same pitch."""
     path = Involute(5 * pitch, pitch, 4, clockwise=clockwise)
@@ -243,7 +244,7 @@ def test_spacing_ends_where_the_normal_no_longer_meets_the_trace(drift):
 
 
 @given(st.floats(-4, 4), st.tuples(st.floats(-200, 200), st.floats(-200, 200)), st.booleans())
-@settings(max_examples=10, deadline=None)
+@examples(10)
 def test_spacing_is_the_same_for_a_path_moved_turned_and_mirrored(angle, shift, clockwise):
     s = np.linspace(0, INVOLUTE.length, 601)
     wave = 0.3 * np.sin(s / 17)[:, None]

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -22,6 +22,7 @@ from gantrysim.servo.stability.margins import Margins, Plant, margins_of
 from gantrysim.servo.stability.motion import Motion
 
 from support.closed_loops import shortfall
+from support.soaked import examples
 from support.tables import EXAMPLES
 
 EXACT = 1e-9
@@ -43,7 +44,7 @@ def derived(name, period=1e-3, frequency=None, damping=1.0, integral_time=math.i
     "the limits of the design",
     "at least 2; at most 2",
 )
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(name=st.sampled_from(MACHINES), period=st.floats(FASTEST, SLOWEST), share=st.sampled_from([0.0, 0.3, 1.0]))
 @example(name="stage", period=SLOWEST, share=0.0)
 @example(name="stage", period=2e-3, share=1.0)
@@ -272,7 +273,7 @@ def test_a_notch_lifts_the_margin_and_a_mode_off_by_a_tenth_leaves_it_stable():
         assert margins_of(off, servo)[1].gain > 1.3
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(
     period=st.floats(1e-4, 8e-3),
     share=st.floats(0.01, 0.95),

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Dispenser, Machine
@@ -17,6 +17,7 @@ from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, laid, spiral
+from support.soaked import examples
 
 COVERED = 2e-3  # of the area, of straight beads in any direction over the grid, of cells up to a third of the width
 TURNS = 3e-3  # likewise of a spiral, whose last turn ends round
@@ -65,7 +66,7 @@ def test_parallel_beads_cover_the_share_of_their_width_in_the_pitch(ratio, cell)
     assert share == pytest.approx(min(ratio, 1.0), abs=COVERED)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     st.floats(0.5, 1.1),
     st.sampled_from([0.1, 0.25, 0.5, 1.0]),

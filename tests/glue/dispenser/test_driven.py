@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
@@ -18,6 +18,8 @@ from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.glue.dispenser.volumetric import Pump
 from gantrysim.job.job import Job
+
+from support.soaked import examples
 
 PERIOD = 1e-3
 AREA = 0.8  # [mm²]
@@ -128,7 +130,7 @@ def test_a_stiff_line_follows_its_motor(compliance):
     np.testing.assert_allclose(flow, expected, rtol=0, atol=0.005 * expected.max())
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seed=st.integers(0, 10_000))
 def test_no_more_flows_out_than_was_displaced_whatever_the_line(seed):
     rng = np.random.default_rng(seed)

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -26,7 +26,7 @@ from gantrysim.servo.stability.margins import Margins, Plant, margins_of, sensit
 from gantrysim.servo.stability.motion import Drives, Motion
 
 from support.runs import ideal_motors, plain, smooth, turntable
-from support.soaked import suite_runs
+from support.soaked import examples, suite_runs
 
 RESPONSE = 1e-7  # of the open loop against the closed form, relative
 POLES = 1e-6  # of closed loops, absolute; two that lie together move by the root of rounding
@@ -165,7 +165,7 @@ def test_poles_are_those_of_a_tick_written_out(rigid, damping, delay):
     assert poles == pytest.approx(expected, abs=POLES)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     frequency=st.floats(2, 200),
     damping=st.floats(0.1, 4),
@@ -394,7 +394,7 @@ def test_lightly_damped_modes_are_resolved(rigid, damping, stiffness):
     assert inside < 1 < outside
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(factor=st.floats(1e-3, 1e3), name=st.sampled_from(["xy", "stage"]))
 def test_scaling_machine_and_gains_alike_keeps_the_margins(factor, name):
     machine = Machine(name)

@@ -7,7 +7,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Job, Machine, Servo
@@ -19,7 +19,7 @@ from gantrysim.study.tuning.servo import servo_toml, tuned_toml
 from gantrysim.study.tuning.space import SEARCHED, SPACES, SearchSpace
 from gantrysim.study.tuning.stability import Fastest, Stability, phase_margin
 
-from support.soaked import suite_runs
+from support.soaked import examples, suite_runs
 
 PERIOD = 1e-3
 ROUNDED = 5.1e-4  # relative, of four digits
@@ -42,7 +42,7 @@ def space(law="pid", start=None, per_axis=False, axes=AXES, derived=DERIVED):
 factor = st.floats(0.03, 30.0)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.tuples(*[factor] * 5), st.sampled_from(list(SPACES)), st.booleans())
 def test_the_start_has_a_point_that_gives_it_back(factors, law, per_axis):
     names = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")
