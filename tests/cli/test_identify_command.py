@@ -126,6 +126,7 @@ def test_a_log_whose_torque_is_not_that_of_its_motion_is_named(gantrysim_command
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.soak
 def test_a_log_that_is_too_slow_is_not_identified(gantrysim_command, tmp_path):
     spoiled("every third row", 1).save(tmp_path / "log.csv", {"y": "mm"})
     status, output, said = gantrysim_command(

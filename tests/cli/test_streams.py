@@ -38,9 +38,10 @@ def names(folder):
             ("| true", ("--no-report",), RECORDED),
             (">&-", ("--no-report",), RECORDED),
             (">&- 2>&- <&-", (), ALL),
+            (">&- 2>&- <&-", ("--no-report",), RECORDED),
         ],
         0,
-        3,
+        4,
     ),
 )
 def test_a_closed_output_is_silence_and_all_is_written(tmp_path, redirection, options, written):

@@ -35,6 +35,7 @@ from support.doc_pages import (
     run_in_turn,
 )
 from support.jobs import job_run
+from support.soaked import suite_runs
 
 PAGES = read_pages()
 README = PAGES["README.md"]
@@ -82,14 +83,23 @@ EXAMPLES = {
 }
 
 
-@pytest.mark.first
-def test_the_python_blocks_of_the_pages_run(fresh, tmp_path):
+# those that identify, learn or film
+LONG = ["identification.md", "learning.md", "rendering.md"]
+
+
+@pytest.mark.parametrize(
+    "names",
+    suite_runs([[name for name in EXAMPLES if name not in LONG], LONG], 0),
+    ids=["short", "long"],
+)
+def test_the_python_blocks_of_the_pages_run(names, fresh, tmp_path):
     """Page after page in one process, each with names of its own: imports and compiled functions are loaded once."""
     steps = []
-    for name, examples in EXAMPLES.items():
+    pages = {name: EXAMPLES[name] for name in names}
+    for name, examples in pages.items():
         steps += [("page", name), *(("python", shortened(block.text)) for block in examples)]
     printed = iter(run_in_turn(fresh, tmp_path, steps))
-    for name, examples in EXAMPLES.items():
+    for name, examples in pages.items():
         next(printed)
         for block in examples:
             output, error = next(printed)
@@ -270,7 +280,8 @@ RATIOS = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("keys", [("setpoints",), pytest.param((), marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize("keys", [("setpoints",), ()])
 def test_the_benchmark_prints_what_it_is_asked_for(keys):
     command = [sys.executable, ROOT / "scripts" / "benchmark.py", "--json", "--rounds", "1", *keys]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

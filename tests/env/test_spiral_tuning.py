@@ -63,6 +63,7 @@ def test_the_cost_is_that_of_the_loops_with_the_payload_in_eighths_of_a_kilogram
     assert table.cost(actions, payloads) == pytest.approx(exact, abs=1e-3)
 
 
+@pytest.mark.soak
 def test_the_gains_that_keep_the_limit_with_each_payload_exceed_it_little_within_a_step_of_the_table(
     machine, servo, table
 ):
@@ -244,6 +245,7 @@ def test_a_fault_costs_the_most_that_it_prevents():
     assert info["reward_fault"] == -1.5 * (1 + (setpoints - sent) // 20)
 
 
+@pytest.mark.soak
 def test_a_schedule_beats_fixed_gains():
     env = SpiralTuningEnv(**BRIEF)
     seeds, schedule = range(500, 505), gain_schedule(env, 0.2)

@@ -218,6 +218,7 @@ def test_experiments_are_told_apart_by_their_names(tmp_path):
     assert any("include those of the scale" in note for note in found.notes)
 
 
+@pytest.mark.soak
 def test_a_pump_s_slip_needs_two_needles(tmp_path):
     """With one needle and a Newtonian glue only D / (1 + g / C) shows: pressure and flow are proportional."""
     lines = ["pump speed [rpm],length [mm],time [s],mass [mg],pressure [kPa]"]

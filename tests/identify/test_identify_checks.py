@@ -38,8 +38,8 @@ def checks(found):
     [
         pytest.param("stribeck", 2, "", marks=pytest.mark.soak),
         ("load", 1004, "friction by load"),
-        ("quadratic", 1005, "drag by the square of the speed"),
-        ("position", 1003, "friction over the travel"),
+        pytest.param("quadratic", 1005, "drag by the square of the speed", marks=pytest.mark.soak),
+        pytest.param("position", 1003, "friction over the travel", marks=pytest.mark.soak),
         ("cogging", 1015, "cogging of"),
         pytest.param("backlash", 1016, "", marks=pytest.mark.soak),
     ],
@@ -188,6 +188,7 @@ def test_a_doubtful_log_is_not_identified():
     assert not found.notes[-1].endswith("holds")
 
 
+@pytest.mark.soak
 def test_static_friction_that_the_log_does_not_show_is_not_identified():
     """Of another Stribeck speed; before, it was 0.0201 ± 0.0004 N·m for 0.0299."""
     made = random_log(56, period=PERIOD)
@@ -213,6 +214,7 @@ def test_a_log_that_excites_too_little_is_refused():
         identify(MACHINE, replace(log, position=30 * sawtooth))
 
 
+@pytest.mark.soak
 def test_a_drive_of_another_machine_is_told_by_the_ratio():
     made = random_log(3, "coulomb", slip="", period=PERIOD)
     found = identify(MACHINE, replace(made.log, torque=made.log.torque / 2.6))

@@ -33,7 +33,7 @@ from gantrysim.machine.motors import BRISTLE_STIFFNESS
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 from support.two_masses import Plant, follow
 
 PERIOD = 1e-3
@@ -224,7 +224,7 @@ def test_the_friction_of_a_fit_is_found_again_by_the_directions_that_it_predicts
     assert found == pytest.approx(friction, rel=0.01)
 
 
-@pytest.mark.parametrize("filled", [False, True])
+@pytest.mark.parametrize("filled", suite_runs([False, True], 1))
 def test_a_motion_through_a_backlash_leaves_hardly_a_residual(machine, filled):
     """Two masses with a gap between them, driven to and fro through it, by the equations of `identify.model`."""
     gap = 0.05

@@ -300,6 +300,7 @@ def touch(page, begin, end):
         page.browser.settle()
 
 
+@pytest.mark.soak
 def test_a_finger_moves_a_slider_the_part_and_the_cursor(page):
     page.browser.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
     try:

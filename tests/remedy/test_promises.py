@@ -12,6 +12,7 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.remedy.improve import improve
 
 from support.pasting import checked_values, in_job_file, verdict_of, with_options
+from support.soaked import suite_runs
 
 ROOT = Path(__file__).parent.parent.parent
 QUICK = ("softmc-arc", "svg-gasket")
@@ -85,7 +86,8 @@ GIVEN = {
 }
 
 
-@pytest.mark.parametrize("name", GIVEN)
+# a value, a place, and a text in the line
+@pytest.mark.parametrize("name", suite_runs(list(GIVEN), 0, 2, 5))
 def test_lines_beside_options_keep_the_promise(name, tmp_path):
     file, text, given, levers = GIVEN[name]
     program = PROGRAMS.get(file, tmp_path / file)

@@ -20,6 +20,7 @@ from gantrysim.render.opengl import offscreen_context
 from gantrysim.render.renderer import checked_size
 
 from support.pinhole import in_sight, on_work, to_pixels
+from support.soaked import suite_runs
 
 SIZE = (640, 480)
 FLOW = 150.0  # [mm³/s]
@@ -62,7 +63,7 @@ def neighbourhood(mask, pixels, reach):
 
 
 @pytest.mark.parametrize("camera", ["top", "overview"])
-@pytest.mark.parametrize("share", [0.5, 1.0])
+@pytest.mark.parametrize("share", suite_runs([0.5, 1.0], 0))
 def test_the_bead_is_drawn_along_the_trace(xy, run, dry, camera, share):
     tick = int(share * (len(run.time) - 1))
     mask, picture, pixels, visible = bead_pixels(xy, run, dry, tick, camera)
@@ -113,7 +114,7 @@ def test_the_nozzle_follows_the_log(xy, dry, camera):
             assert abs(rows.max() - tip[1]) < reach + 2
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("camera", suite_runs(CAMERAS, 0, 3))
 def test_frames_are_neither_black_nor_blank_and_repeat(xy, run, camera):
     pictures = []
     for _ in range(2):
