@@ -26,7 +26,7 @@ from gantrysim.tables.reading import read_table
 
 from support.compared import circle_job
 from support.jobs import job_run
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 FOUND_SHIFT = 0.1  # of a sample
 FOUND_PLACE = 1e-4  # [mm]
@@ -473,11 +473,14 @@ def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_com
 
 @pytest.mark.parametrize(
     ("order", "signs", "words"),
-    [
-        ([1, 0], (1, 1), "with x and y swapped:"),
-        ([0, 1], (-1, 1), "with x mirrored:"),
-        ([1, 0], (1, -1), "with x and y swapped, x mirrored:"),
-    ],
+    suite_runs(
+        [
+            ([1, 0], (1, 1), "with x and y swapped:"),
+            ([0, 1], (-1, 1), "with x mirrored:"),
+            ([1, 0], (1, -1), "with x and y swapped, x mirrored:"),
+        ],
+        2,
+    ),
 )
 def test_swapped_and_mirrored_axes_are_named(run, order, signs, words):
     time, encoder = logged(run, "encoder", 1000.0, 0.3, 5.0, noise=1e-3)
@@ -509,7 +512,7 @@ def test_a_wrong_scale_and_a_wrong_clock_are_named(run):
         notes(time, encoder / 25.4)
 
 
-@pytest.mark.parametrize(("factor", "refused"), [(1e3, True), (2.1, True), (1.9, False)])
+@pytest.mark.parametrize(("factor", "refused"), suite_runs([(1e3, True), (2.1, True), (1.9, False)], 1))
 def test_a_trace_far_wider_than_the_run_is_in_another_unit(run, factor, refused):
     time, nozzle = logged(run, "nozzle", 1000.0)
     trace = Trace(time, {}, nozzle * (1.0, factor, 1.0))

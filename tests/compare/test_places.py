@@ -23,7 +23,7 @@ from gantrysim.compare.vertices import noise_of
 
 from support.compared import circle_job
 from support.jobs import job_run
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 MACHINE = Machine("xy")
 FEED = 50.0  # [mm/s]
@@ -149,7 +149,9 @@ def test_a_part_that_lies_across_is_found_by_its_turn():
     "1 µm",
 )
 @pytest.mark.parametrize("name", SPEEDS)
-@pytest.mark.parametrize("place", [{}, {"offset": (0.03, 0.0), "noise": 0.0005}, {"offset": (12.0, -5.0), "turn": 0.4}])
+@pytest.mark.parametrize(
+    "place", suite_runs([{}, {"offset": (0.03, 0.0), "noise": 0.0005}, {"offset": (12.0, -5.0), "turn": 0.4}], 2)
+)
 def test_another_speed_is_no_contour_error_and_no_offset(run, name, place):
     comparison, true = compared(run, **SPEEDS[name], **place)
     measured = comparison.measured.values.contour.rms

@@ -192,6 +192,7 @@ def test_the_involute_and_two_centred_half_circles_differ_by_no_more_than_both_b
     assert ours[-1] == pytest.approx(theirs[-1, :2], abs=POSITION)
 
 
+@pytest.mark.soak
 def test_the_pitch_of_all_three_along_a_ray_through_the_centre():
     """10 mm on every ray for the two about (60, 0), and for the involute along its own normals."""
     for program in (block(60, 10, 4), half_circles(60, 10, 4)):

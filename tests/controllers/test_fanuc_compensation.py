@@ -244,6 +244,7 @@ def test_compensation_in_the_other_planes_is_that_of_the_first_with_axes_permute
     )
 
 
+@pytest.mark.soak
 def test_the_time_to_offset_grows_with_the_program_alone():
     def seconds(n):
         angle = np.linspace(0, 6, n)

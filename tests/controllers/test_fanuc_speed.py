@@ -327,6 +327,7 @@ def test_the_rotary_axis_alone_turns_at_the_feed():
     assert made.duration == pytest.approx(1 + 9)
 
 
+@pytest.mark.soak
 def test_the_time_to_make_setpoints_grows_with_the_program_alone():
     def seconds(n):
         text = "F6000\n" + "\n".join(f"G01 X{k % 7} Y{k % 5}" for k in range(1, n + 1))

@@ -17,7 +17,7 @@ from gantrysim.paths.kinds import path_of
 from gantrysim.paths.pieces import XY, YZ, ZX, Coil, Line
 from gantrysim.paths.track import Track
 
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 A = 500.0  # acceleration of every test [mm/s²]
 PERIOD = 1e-3
@@ -181,7 +181,7 @@ def test_exact_stops_take_the_time_of_their_pieces():
     assert program(lines(points, "G61.1")).duration == pytest.approx(200 * 2 * math.sqrt(0.1 / A))
 
 
-@pytest.mark.parametrize("head", ["G64 P0.01", "G64"])
+@pytest.mark.parametrize("head", suite_runs(["G64 P0.01", "G64"], 0))
 def test_thousands_of_tenths_of_a_millimetre_keep_the_feed(head):
     angles = np.arange(1, 6001) * 0.1 / 60
     points = [(60 * math.sin(a), 60 - 60 * math.cos(a)) for a in angles]

@@ -28,7 +28,7 @@ from support.outlines import (
     turned,
     velocities,
 )
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 
 @pytest.mark.validates(
@@ -98,7 +98,9 @@ def test_the_middle_of_the_first_corner():
     assert trace.coordinates(s)[0] == pytest.approx([45, 94.3503, -114.3503], abs=TABLE)
 
 
-@pytest.mark.parametrize(("pieces", "error", "figure"), [(1, 55.650, 5e-4), (9, 0.7230, 5e-5), (90, 0.00723, 5e-6)])
+@pytest.mark.parametrize(
+    ("pieces", "error", "figure"), suite_runs([(1, 55.650, 5e-4), (9, 0.7230, 5e-5), (90, 0.00723, 5e-6)], 1)
+)
 def test_the_notes_errors_of_linear_corner_interpolation(pieces, error, figure):
     """rho (1 - cos(pi / 4 N)), the chord's distance from the arc."""
     trace = OutlineTrace(corner_pieces=pieces)

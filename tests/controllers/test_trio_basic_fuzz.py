@@ -13,7 +13,7 @@ from gantrysim.controllers.trio import Basic
 from gantrysim.controllers.trio.basic.expressions import known_words
 from gantrysim.job.job import Job
 
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 PAGE = (Path(__file__).parent.parent.parent / "docs" / "trio-basic.md").read_text(encoding="utf-8")
 WORDS = """
@@ -120,7 +120,7 @@ def test_the_programs_are_sound():
     assert not survives(PROGRAMS[0])  # it takes longer than the limit
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", suite_runs(range(4), 0, 1))
 def test_mutated_programs_raise_nothing_but_input_errors(seed):
     chance = random.Random(seed)
     for _ in range(150):

@@ -14,7 +14,7 @@ from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio import Basic, InterpreterTime, MoveSpiral, StatedSpiral
 from gantrysim.paths.spirals import Involute
 
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 POSITION = 1e-9  # [mm]
 PAGE = (Path(__file__).parent.parent.parent / "docs" / "trio-basic.md").read_text(encoding="utf-8")
@@ -107,12 +107,16 @@ def test_random_spirals_agree_with_the_closed_form(job):
 
 @pytest.mark.parametrize(
     "limits",
-    [
-        {},
-        {"ratio_bits": 16, "wait_resolution": 0.001, "acceleration": 1000.0},
-        {"acceleration": 300.0, "servo_period": 0.002},
-        {"interpreter_time": 0.005, "servo_period": 0.0005},
-    ],
+    suite_runs(
+        [
+            {},
+            {"ratio_bits": 16, "wait_resolution": 0.001, "acceleration": 1000.0},
+            {"acceleration": 300.0, "servo_period": 0.002},
+            {"interpreter_time": 0.005, "servo_period": 0.0005},
+        ],
+        0,
+        2,
+    ),
     ids=str,
 )
 def test_the_page_s_program_buffers_a_circle_at_a_time_and_agrees(limits):

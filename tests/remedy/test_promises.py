@@ -123,7 +123,7 @@ def test_a_job_file_that_names_a_program_keeps_the_promise(tmp_path):
     same_values(verdict_of(with_options(job, result.lines["command line"])), result.improved)
 
 
-@pytest.mark.parametrize(("name", "options"), [("softmc-arc", ()), ("seal.ngc", ("--set", SLOW_VALVE))])
+@pytest.mark.parametrize(("name", "options"), suite_runs([("softmc-arc", ()), ("seal.ngc", ("--set", SLOW_VALVE))], 0))
 def test_the_printed_options_are_run_by_the_command(name, options, gantrysim_command, tmp_path):
     """As they are printed by one command, so they are typed behind the next one."""
     status, printed, _ = gantrysim_command("improve", PROGRAMS[name], *options)

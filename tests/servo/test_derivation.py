@@ -22,7 +22,7 @@ from gantrysim.servo.stability.margins import Margins, Plant, margins_of
 from gantrysim.servo.stability.motion import Motion
 
 from support.closed_loops import shortfall
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 from support.tables import EXAMPLES
 
 EXACT = 1e-9
@@ -79,6 +79,7 @@ def test_a_servo_whose_integral_term_leaves_no_loop_is_refused_with_the_time_tha
     assert keeps(machine("delta"), Servo.derive(machine("delta").axes, **(ON_THE_LOAD | {"integral_time": 0.05})))
 
 
+@pytest.mark.soak
 def test_the_time_proposed_is_the_shortest_of_its_series():
     with pytest.raises(InputError, match=r"use integral_time = 0\.05 s"):
         Servo.derive(machine("delta").axes, **(ON_THE_LOAD | {"integral_time": 0.04}))
@@ -86,30 +87,39 @@ def test_the_time_proposed_is_the_shortest_of_its_series():
 
 @pytest.mark.parametrize(
     ("values", "blamed", "proposal"),
-    [
-        (
-            {"damping": 0.1, "integral_time": 1e-3},
-            "integral_time = 0.001 s, damping = 0.1",
-            "or integral_time = 0.005 s with damping = 1 \\(26.9 Hz\\)",
-        ),
-        (
-            {"mode": "velocity", "velocity_bandwidth": 1e3},
-            "velocity_bandwidth = 1000 Hz, drive_period = 0.000125 s",
-            "\\(around velocity loops of .* use velocity_bandwidth = 500 Hz \\([0-9.]+ Hz\\) or drive_period",
-        ),
-        (
-            {"feedback_delay": 16, "integral_time": 0.05},
-            "integral_time = 0.05 s, feedback_delay = 16, period = 0.001 s",
-            "or feedback_delay = 8 \\([0-9.]+ Hz\\) or period = 0.0005 s",
-        ),
-        (
-            {"current_bandwidth": 2.0, "integral_time": 0.1},
-            "integral_time = 0.1 s, current_bandwidth = 2 Hz",
-            "or current_bandwidth = 8 Hz",
-        ),
-        ({"law": ["pid", "observer"], "integral_time": 1e-3}, "integral_time = 0.001 s", "use integral_time = 0.005 s"),
-        ({"period": 0.2, "integral_time": 1.7e308}, "integral_time = 1.7e\\+308 s", "use integral_time = inf"),
-    ],
+    suite_runs(
+        [
+            (
+                {"damping": 0.1, "integral_time": 1e-3},
+                "integral_time = 0.001 s, damping = 0.1",
+                "or integral_time = 0.005 s with damping = 1 \\(26.9 Hz\\)",
+            ),
+            (
+                {"mode": "velocity", "velocity_bandwidth": 1e3},
+                "velocity_bandwidth = 1000 Hz, drive_period = 0.000125 s",
+                "\\(around velocity loops of .* use velocity_bandwidth = 500 Hz \\([0-9.]+ Hz\\) or drive_period",
+            ),
+            (
+                {"feedback_delay": 16, "integral_time": 0.05},
+                "integral_time = 0.05 s, feedback_delay = 16, period = 0.001 s",
+                "or feedback_delay = 8 \\([0-9.]+ Hz\\) or period = 0.0005 s",
+            ),
+            (
+                {"current_bandwidth": 2.0, "integral_time": 0.1},
+                "integral_time = 0.1 s, current_bandwidth = 2 Hz",
+                "or current_bandwidth = 8 Hz",
+            ),
+            (
+                {"law": ["pid", "observer"], "integral_time": 1e-3},
+                "integral_time = 0.001 s",
+                "use integral_time = 0.005 s",
+            ),
+            ({"period": 0.2, "integral_time": 1.7e308}, "integral_time = 1.7e\\+308 s", "use integral_time = inf"),
+        ],
+        0,
+        1,
+        3,
+    ),
 )
 def test_whatever_keeps_a_loop_from_its_margins_is_named_with_a_value_that_does(values, blamed, proposal):
     with pytest.raises(InputError, match=f"^servo {blamed}: .*{proposal}.*, each tried$"):

@@ -88,6 +88,7 @@ class Kill:
         return {case: int(process) for case, process in (file.name.split("-") for file in self.folder.glob("*-*"))}
 
 
+@pytest.mark.soak
 def test_a_killed_worker_does_not_change_the_study(cluster, job, tmp_path):
     held_at = tmp_path / "held"
     held_at.mkdir()

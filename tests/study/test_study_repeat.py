@@ -101,6 +101,7 @@ def test_repeats_that_differ_in_nothing_have_no_scatter(tmp_path):
     assert variation == ("0 % standard deviation", "none", "none, it starts on a servo tick")
 
 
+@pytest.mark.soak
 def test_home_offsets_scatter_the_path_by_their_normal_component(tmp_path):
     study = RepeatStudy(Job.load("softmc-arc"), repeats=6, friction=0.0, places=60)
     assert study.sources == ("home offset",)

@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from gantrysim.job.loading import builtin_jobs
+
 # set by scripts/soak.py
 WHOLE = os.environ.get("GANTRYSIM_EXAMPLES") == "whole"
 FEWEST = 8  # examples
@@ -23,6 +25,12 @@ def suite_runs(cases: Sequence[Any], *chosen: int) -> list[Any]:
         marks = () if number in chosen else pytest.mark.soak
         marked.append(pytest.param(*arguments, marks=marks))
     return marked
+
+
+def of_jobs(*names: str) -> list[Any]:
+    """Return the names of all built-in jobs, of which those that are given run in the test suite."""
+    jobs = builtin_jobs()
+    return suite_runs(jobs, *map(jobs.index, names))
 
 
 def number_of_examples(whole: int) -> int:

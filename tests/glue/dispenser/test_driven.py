@@ -19,7 +19,7 @@ from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.glue.dispenser.volumetric import Pump
 from gantrysim.job.job import Job
 
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 PERIOD = 1e-3
 AREA = 0.8  # [mm²]
@@ -91,7 +91,7 @@ FLUIDS = {
     "scipy's LSODA, needle by quadrature",
     "0.5 % of the largest flow, 0.1 % of the volume",
 )
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", suite_runs([1, 2], 1))
 @pytest.mark.parametrize("fluid", FLUIDS)
 @pytest.mark.parametrize("kind", ["piston", "volumetric"])
 def test_the_flow_over_random_speeds_is_that_of_the_ode(kind, fluid, seed):
@@ -120,7 +120,7 @@ def test_the_flow_over_random_speeds_is_that_of_the_ode(kind, fluid, seed):
     assert flow.sum() == pytest.approx(expected.sum(), rel=1e-3)
 
 
-@pytest.mark.parametrize("compliance", [1e-6, 1e-4, 1e-3])
+@pytest.mark.parametrize("compliance", suite_runs([1e-6, 1e-4, 1e-3], 0))
 def test_a_stiff_line_follows_its_motor(compliance):
     needle = FLUIDS["shear-thinning"]
     on, speed = random_motion(4, 900)

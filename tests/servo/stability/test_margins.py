@@ -305,7 +305,9 @@ def test_the_engine_moves_as_the_linear_machine_does_the_closer_the_shorter_its_
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize(("build", "integral_time"), [("rigid", 0.02), ("xy", math.inf), ("xyz", 0.02)])
+@pytest.mark.parametrize(
+    ("build", "integral_time"), suite_runs([("rigid", 0.02), ("xy", math.inf), ("xyz", 0.02)], 0, 2)
+)
 def test_a_simulated_machine_is_stable_below_its_gain_margin_and_unstable_above_it(rigid, build, integral_time, axis):
     machine = rigid() if build == "rigid" else Machine(build).perturbed(NO_FRICTION)
     servo = pd(machine, integral_time=integral_time)
@@ -346,7 +348,7 @@ def test_a_payload_lowers_the_crossover(xy):
         assert one.crossover < other.crossover
 
 
-@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage", "delta"])
+@pytest.mark.parametrize("name", suite_runs(["xy", "xyz", "xyzr", "stage", "delta"], 0, 3, 4))
 @pytest.mark.parametrize("integral_time", [math.inf, 0.05])
 def test_the_gain_margins_of_the_built_in_machines_are_where_a_pole_leaves_the_circle(name, integral_time):
     servo = pd(Machine(name), integral_time=integral_time)
