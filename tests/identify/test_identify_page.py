@@ -22,6 +22,8 @@ from gantrysim.report.plots.style import sheet
 
 from support.pages import Page
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 MACHINE = Machine("xy")
 PERIOD = 1e-3
 N = 4000

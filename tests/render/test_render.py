@@ -19,6 +19,7 @@ from gantrysim.render import Film, NoOpenGLError, Renderer, Take, save_video
 from gantrysim.render.opengl import offscreen_context
 from gantrysim.render.renderer import checked_size
 
+from support.blank_pictures import save_blank
 from support.pinhole import in_sight, on_work, to_pixels
 from support.soaked import suite_runs
 
@@ -268,6 +269,7 @@ def test_without_opengl_the_command_does_everything_but_the_video(no_opengl, tmp
         "turns=1",
     ]
     monkeypatch.setattr(sys, "argv", arguments)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
     cli.app(standalone_mode=False)
     assert sorted(item.name for item in tmp_path.iterdir()) == [
         "card.png",
