@@ -87,6 +87,7 @@ EXAMPLES = {
 LONG = ["identification.md", "learning.md", "rendering.md"]
 
 
+@pytest.mark.first
 @pytest.mark.parametrize(
     "names",
     suite_runs([[name for name in EXAMPLES if name not in LONG], LONG], 0),
