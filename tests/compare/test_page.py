@@ -14,6 +14,7 @@ from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import draw_overlay, write_comparison_page
 from gantrysim.report.plots.style import COLOURS
 
+from support.blank_pictures import save_blank
 from support.jobs import job_run
 from support.pages import Page
 
@@ -131,7 +132,8 @@ def test_frequencies_that_the_model_lacks_are_named(tmp_path):
     assert "Circular test" not in page.text
 
 
-def test_a_model_that_explains_nothing_and_one_that_explains_all(tmp_path):
+def test_a_model_that_explains_nothing_and_one_that_explains_all(tmp_path, monkeypatch):
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
     run = job_run("fanuc-spiral")
     exact = Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE)
     far = Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE)

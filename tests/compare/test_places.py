@@ -176,7 +176,7 @@ def test_at_equal_times_another_feed_is_a_contour_error():
     assert comparison.measured.values.contour.rms > 0.05 > 10 * true
 
 
-@pytest.mark.parametrize("ppm", [0.0, 30.0, -150.0, 800.0])
+@pytest.mark.parametrize("ppm", suite_runs([0.0, 30.0, -150.0, 800.0], 0, 1))
 def test_a_clock_is_claimed_where_it_differs(run, ppm):
     # on the run's own way, of which the clock alone differs
     comparison, true = compared(run, clock=1e-6 * ppm, noise=1e-3, at=(run.time, run.progress))
@@ -198,6 +198,7 @@ def test_noise_comes_back_as_noise(run, seed_noise):
     assert alignment.estimates["nozzle x"].interval < 1e-3
 
 
+@pytest.mark.soak
 def test_intervals_hold_the_true_values_of_most_traces(run):
     """Of 95 % intervals of white noise, in 20 traces, at least nine tenths hold the offset; few claim one of zero."""
     time, points, _ = trace()
@@ -254,7 +255,7 @@ def test_no_difference_is_left_only_where_everything_is_measured_and_agrees(run)
     assert json.dumps(same.summary(), allow_nan=False)
 
 
-@pytest.mark.parametrize("link", ["nozzle", "encoder", "commanded"])
+@pytest.mark.parametrize("link", suite_runs(["nozzle", "encoder", "commanded"], 0))
 def test_a_program_run_at_another_feed_has_its_own_contour_error(link):
     """A simulated machine instead of a closed form: its error is that of its own budget."""
     job = Job.load("fanuc-spiral")

@@ -457,6 +457,7 @@ def test_a_condition_that_cannot_come_about_is_refused_long_before_the_time_limi
     assert basic(text.format(1)).setpoints(0.001).position[-1, 0] == pytest.approx(4)
 
 
+@pytest.mark.soak
 def test_a_wait_for_another_process_or_the_clock_is_none_for_ever():
     setpoints = basic("SPEED=10\nMOVE(2)\nTICKS=200000\nWAIT UNTIL TICKS<0\nMOVE(2)").setpoints(0.001)
     assert len(setpoints.position) > 200_000

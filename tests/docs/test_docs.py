@@ -308,6 +308,10 @@ LONG_BENCHMARKS = {
     "verdict",
     "page",
     "film",
+    "batch",
+    "converged_cost",
+    "study_case",
+    "analysis",
 }
 
 

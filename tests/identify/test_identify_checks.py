@@ -40,7 +40,7 @@ def checks(found):
         ("load", 1004, "friction by load"),
         pytest.param("quadratic", 1005, "drag by the square of the speed", marks=pytest.mark.soak),
         pytest.param("position", 1003, "friction over the travel", marks=pytest.mark.soak),
-        ("cogging", 1015, "cogging of"),
+        pytest.param("cogging", 1015, "cogging of", marks=pytest.mark.soak),
         pytest.param("backlash", 1016, "", marks=pytest.mark.soak),
     ],
 )

@@ -403,6 +403,7 @@ def test_what_cannot_be_fitted_is_refused(machine, setpoints):
         identify(Machine("delta"), log)
 
 
+@pytest.mark.soak
 def test_a_perturbed_machine_is_found_and_written(machine, setpoints, tmp_path):
     """A random machine within the study's tolerances, its log with counts, torque noise and a servo delay."""
     random = np.random.default_rng(5)

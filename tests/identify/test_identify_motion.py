@@ -53,6 +53,7 @@ def test_a_log_may_begin_in_motion(law):
     assert run.repeats
 
 
+@pytest.mark.soak
 def test_rows_that_are_missing_begin_a_new_piece():
     """The machine that is found is the one of the whole log; without the pieces there is no such log."""
     made = random_log(61, "coulomb", slip="", noise=1e-3, period=PERIOD)

@@ -79,7 +79,8 @@ class Studio:
         return found
 
 
-@pytest.fixture(scope="module", params=builtin_models())
+# a robot and a gantry
+@pytest.fixture(scope="module", params=suite_runs(builtin_models(), 0, 3))
 def studio(request):
     studio = Studio(Machine(request.param))
     studio.place(np.zeros(len(studio.machine.axes)))

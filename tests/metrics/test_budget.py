@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from gantrysim import Job, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import CORNER, DESCRIPTIONS, GEOMETRY, LINKS, Budget
 from gantrysim.paths.arcs import ArcChain
@@ -24,7 +23,7 @@ from gantrysim.record.setpoints import Setpoints
 from support.jobs import job_run
 from support.links import record
 from support.runs import PERIOD, plain
-from support.soaked import examples
+from support.soaked import examples, of_jobs
 
 SUM = 1e-12  # of the parts against the whole [mm]
 EXACT = 1e-9  # [mm]
@@ -127,7 +126,7 @@ def test_a_part_is_the_displacement_along_the_normal_but_for_second_order(direct
     "contour error",
     "1e-12 mm",
 )
-@pytest.mark.parametrize("name", builtin_jobs())
+@pytest.mark.parametrize("name", of_jobs("an225", "delta-arc", "fanuc-conical", "stage-outline"))
 def test_the_parts_of_every_job_add_up(name):
     run = job_run(name)
     analysis = Analysis(run)

@@ -86,8 +86,8 @@ GIVEN = {
 }
 
 
-# a value, a place, and a text in the line
-@pytest.mark.parametrize("name", suite_runs(list(GIVEN), 0, 2, 5))
+# a value, and a text in the line
+@pytest.mark.parametrize("name", suite_runs(list(GIVEN), 0, 5))
 def test_lines_beside_options_keep_the_promise(name, tmp_path):
     file, text, given, levers = GIVEN[name]
     program = PROGRAMS.get(file, tmp_path / file)

@@ -193,6 +193,7 @@ def test_each_picture_is_headed_by_its_label_and_shows_when_it_has_ended(pair, s
         assert shows(frame[: pair.panel.size[1]], f"{time:.2f} s", pair.panel.font.size, INK)
 
 
+@pytest.mark.soak
 def test_four_runs_are_drawn_independently_and_repeatably(xy, run, short):
     bare = dataclasses.replace(run, flow=np.zeros(len(run.time)))
     takes = [Take(xy, one, name) for one, name in ((run, "a"), (short, "b"), (bare, "c"), (cut(run, 400), "d"))]
@@ -339,7 +340,7 @@ class Unopened:
 
 
 @pytest.mark.parametrize("count", suite_runs([1, 2, 4], 1, 2))
-@pytest.mark.parametrize("colour", ["plain", "error"])
+@pytest.mark.parametrize("colour", suite_runs(["plain", "error"], 1))
 def test_the_pictures_of_a_film_of_any_shape_do_not_overlap(xy, run, monkeypatch, count, colour):
     monkeypatch.setattr(film, "Renderer", Unopened)
     scale = scale_for(colour, [run])

@@ -88,7 +88,7 @@ def test_the_bead_is_drawn_along_the_trace(xy, run, dry, camera, share):
     assert red > 1.2 * green > 1.2 * blue
 
 
-@pytest.mark.parametrize("camera", ["side", "overview", "nozzle"])
+@pytest.mark.parametrize("camera", suite_runs(["side", "overview", "nozzle"], 0))
 def test_the_nozzle_follows_the_log(xy, dry, camera):
     with Renderer(xy, dry, camera, SIZE) as renderer:
         model = renderer.model

@@ -60,7 +60,7 @@ def seen_from_above(renderer, machine, step=2):
     return rows, columns, 1e3 * (there - data.xpos[machine.work])
 
 
-@pytest.mark.parametrize("share", suite_runs([0.4, 1.0], 0))
+@pytest.mark.parametrize("share", suite_runs([0.4, 1.0]))
 def test_glue_is_seen_where_the_height_map_has_it_and_nowhere_else(xy, run, dry, share):
     tick = int(share * (len(run.time) - 1))
     part = slice(0, tick + 1)

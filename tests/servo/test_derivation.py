@@ -66,6 +66,7 @@ def keeps(machine, servo, **tolerance):
     return not shortfall(machine, servo, **tolerance)
 
 
+@pytest.mark.soak
 def test_a_servo_whose_integral_term_leaves_no_loop_is_refused_with_the_time_that_does():
     """Slower loops are the less stable: at a thousandth of the speed this one would swing up at 0.03 Hz."""
     with pytest.raises(InputError) as caught:

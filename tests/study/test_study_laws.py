@@ -35,6 +35,7 @@ def test_reversals_are_where_the_demand_turns():
     assert reversals(np.column_stack([x, 0 * x, -x])) == [(6, 0), (8, 0), (6, 2), (8, 2)]
 
 
+@pytest.mark.soak
 def test_the_ladder_gains_what_it_promises(studied):
     _, outcome = studied
     rows = {(row["law"], row["variation"]): row for row in outcome.rows}

@@ -18,7 +18,7 @@ from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.loop.sampling import circle_response, quantisation, sample_and_hold
 
 from support.runs import PERIOD
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 AGREE, LEAST = 0.01, 1e-4  # of a prediction with what is measured: 1 % or 0.1 µm [mm]
 NOTE = {"diameter": 120, "turns": 4, "thickness": 10, "speed": 100}
@@ -215,14 +215,19 @@ def responses(machine, servo, circle, speed, radius):
 
 @pytest.mark.parametrize(
     ("period", "gains"),
-    [
-        (1e-3, {}),
-        (4e-3, {}),
-        (1e-3, {"integral_time": 0.03}),
-        (1e-3, {"feedforward": 0.0}),
-        (1e-3, {"delay": 5e-4}),
-        (1e-3, {"output_velocity": -1e-5}),
-    ],
+    suite_runs(
+        [
+            (1e-3, {}),
+            (4e-3, {}),
+            (1e-3, {"integral_time": 0.03}),
+            (1e-3, {"feedforward": 0.0}),
+            (1e-3, {"delay": 5e-4}),
+            (1e-3, {"output_velocity": -1e-5}),
+        ],
+        0,
+        2,
+        4,
+    ),
 )
 def test_following_error_of_sampling_and_winding(rigid, circle, period, gains):
     machine = rigid()

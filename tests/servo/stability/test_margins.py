@@ -282,7 +282,9 @@ def away(machine, servo, ticks, size=0.02, step=STEP):
 )
 @pytest.mark.parametrize(
     ("name", "payload", "delay"),
-    [("xy", 0.2, 0.0), ("xy", 0, 7.5e-4), ("xyzr", 0, 1e-3), ("stage", 0.2, 2.5e-4), ("delta", 0, 0.0)],
+    suite_runs(
+        [("xy", 0.2, 0.0), ("xy", 0, 7.5e-4), ("xyzr", 0, 1e-3), ("stage", 0.2, 2.5e-4), ("delta", 0, 0.0)], 0, 2, 4
+    ),
 )
 def test_the_engine_moves_as_the_linear_machine_does_the_closer_the_shorter_its_step(name, payload, delay):
     """A motion of all axes small enough to be linear, from the engine's torque demands; the error falls as step^2."""
