@@ -326,6 +326,7 @@ def test_a_turning_work_piece_is_compared_in_degrees_and_millimetres():
     assert found.alignment.residual == pytest.approx(1e-3, rel=0.1)
 
 
+@pytest.mark.soak
 def test_a_machine_that_lags_by_a_time_constant_runs_a_circle_too_small(tmp_path, circle):
     # another program: a first-order lag behind the command, stepped at 10 kHz, logged in metres and milliseconds
     radius, omega, tau, step = 40.0, 2.5, 0.02, 1e-4

@@ -119,6 +119,7 @@ def test_a_curve_of_the_overlay_is_the_known_difference(found, page):
     assert np.polyfit(expected, points[:, 1], 1)[0] < 0  # an SVG counts downwards
 
 
+@pytest.mark.soak
 def test_frequencies_that_the_model_lacks_are_named(tmp_path):
     run = job_run("fanuc-spiral")
     nozzle = run.nozzle + 0.01 * np.sin(2 * np.pi * 87.0 * run.time)[:, None] * [1, 1, 0]
@@ -149,6 +150,7 @@ def test_a_model_that_explains_nothing_and_one_that_explains_all(tmp_path, monke
     assert "explains none (" in told[1]
 
 
+@pytest.mark.soak
 def test_errors_of_the_geometry_belong_to_structure_on_both_sides():
     job = Job.load("fanuc-spiral", ["accuracy=C7"])
     run = job.run()

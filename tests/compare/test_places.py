@@ -121,7 +121,7 @@ SPEEDS = {
 }
 
 
-@pytest.mark.parametrize("turn", [-8.0, 5.0])
+@pytest.mark.parametrize("turn", suite_runs([-8.0, 5.0], 0))
 def test_a_trace_that_is_turned_far_is_laid_on_the_run_anew(run, turn):
     """Places found on the path as it was not turned bend offset and turn: once by tens of micrometres."""
     comparison, true = compared(run, feed=0.9, turn=turn, offset=(100.0, 40.0))
@@ -187,7 +187,7 @@ def test_a_clock_is_claimed_where_it_differs(run, ppm):
     assert comparison.measured.values.contour.rms == pytest.approx(math.hypot(true, 1e-3), abs=1e-3)
 
 
-@pytest.mark.parametrize("seed_noise", [1e-3, 4e-3])
+@pytest.mark.parametrize("seed_noise", suite_runs([1e-3, 4e-3], 0))
 def test_noise_comes_back_as_noise(run, seed_noise):
     comparison, _ = compared(run, noise=seed_noise, offset=(0.03, 0.0))
     alignment = comparison.alignment

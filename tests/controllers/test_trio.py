@@ -18,7 +18,7 @@ from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.controllers.trio.loop import Loop
 from gantrysim.paths.spirals import Involute
 
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 POSITION = 1e-8  # after up to some thousand passes [mm]
 RELATIVE = 1e-10
@@ -174,7 +174,7 @@ def test_interpreter_time_moves_the_end(interpreter_time, end_x):
     assert end_of(spiral.generated)[0] == pytest.approx(end_x, abs=5e-4)
 
 
-@pytest.mark.parametrize("interpreter_time", [0.001, 0.005])
+@pytest.mark.parametrize("interpreter_time", suite_runs([0.001, 0.005], 0))
 def test_interpreter_time_shrinks_the_local_pitch(interpreter_time):
     """To first order thickness / (1 + d / (T x)), with x half a turn on: between the two turns."""
     spiral = note(interpreter_time=interpreter_time)

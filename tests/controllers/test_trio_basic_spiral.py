@@ -124,7 +124,7 @@ def test_the_page_s_program_buffers_a_circle_at_a_time_and_agrees(limits):
     check(interpreted(of_the_page(), spiral), spiral)
 
 
-@pytest.mark.parametrize("changed", [{"mode": 0}, {"mode": 1}])
+@pytest.mark.parametrize("changed", suite_runs([{"mode": 0}, {"mode": 1}], 0))
 def test_a_third_virtual_axis_climbs(changed):
     mode = changed["mode"]
     spiral = MoveSpiral(

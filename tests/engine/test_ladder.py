@@ -288,6 +288,7 @@ def test_a_run_that_is_too_long_to_learn_from_is_refused(xy, monkeypatch):
     np.testing.assert_array_equal(long.demand, simulate(xy, preview, curve()).demand)
 
 
+@pytest.mark.soak
 def test_laws_on_a_closed_chain_and_at_gates():
     """Learning by a model about zero halves the error of a delta robot; a shaped stream waits at its gates."""
     errors = {}

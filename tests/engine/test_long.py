@@ -290,6 +290,7 @@ def one_run(xy, setpoints):
     return Budget(analysis).values, Bead(run, None, analysis).values
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("times", [40, pytest.param(1000, marks=pytest.mark.soak)])
 def test_many_runs_in_one_process_do_not_grow(xy, times, record_property):
     record_property("attack", "memory: many runs in one process, which must not grow")

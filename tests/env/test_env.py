@@ -23,7 +23,7 @@ from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import Analysis, path_speed, torque_ripple
 
 from support.episodes import stepwise, stepwise_vector
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 SHORT = {"diameter": 48.0, "turns": 1, "thickness": 8.0, "speed": 100.0}
 FAULTY = np.array([1, -1, 0, 0], np.float32)  # high stiffness, low damping
@@ -384,7 +384,7 @@ def test_invalid_actions_are_rejected(env, action, text):
         ({"render_mode": "human"}, "render_mode = 'human': must be None or 'rgb_array'"),
     ],
 )
-@pytest.mark.parametrize("kind", [GainBanditEnv, GainBanditVectorEnv])
+@pytest.mark.parametrize("kind", suite_runs([GainBanditEnv, GainBanditVectorEnv], 0))
 def test_settings_out_of_bounds_are_rejected(kind, change, text):
     with pytest.raises(InputError) as refused:
         kind(**change)

@@ -13,6 +13,7 @@ from gantrysim.env import GainBanditEnv
 from gantrysim.machine.tolerances import Tolerances
 
 from support.episodes import BANDIT, MEEK, SHORT, TUNING, actions_of, stepwise, stepwise_vector
+from support.soaked import suite_runs
 
 COPIES = [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 
@@ -62,7 +63,7 @@ def test_a_branch_from_a_saved_state_equals_the_first_branch(settings):
     assert again[1] == after[1]
 
 
-@pytest.mark.parametrize("again", COPIES)
+@pytest.mark.parametrize("again", suite_runs(COPIES, 0))
 def test_a_copy_in_the_middle_of_an_episode_goes_on_from_there(again):
     one, several = gymnasium.make(TUNING, **SHORT), gymnasium.make_vec(TUNING, num_envs=3, threads=1, **SHORT)
     for env, count in ((one, 3), (several, 25)):

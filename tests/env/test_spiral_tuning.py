@@ -52,6 +52,7 @@ def table(machine, servo):
     return SensitivityTable(machine, servo, RANGE)
 
 
+@pytest.mark.soak
 @given(kp=st.integers(-16, 16), kd=st.integers(-16, 16), eighths=st.integers(0, 32), off=st.floats(-0.06, 0.06))
 @examples(20)
 def test_the_cost_is_that_of_the_loops_with_the_payload_in_eighths_of_a_kilogram(

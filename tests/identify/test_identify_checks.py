@@ -175,6 +175,7 @@ def test_the_balance_of_the_torque_is_what_a_wrong_inertia_leaves(share, wrong, 
     assert torque_balance(fit, PERIOD).change == pytest.approx((1 - wrong) * model.inertia, abs=1e-3 * model.inertia)
 
 
+@pytest.mark.soak
 def test_a_doubtful_log_is_not_identified():
     made = random_log(1, "coulomb", slip="clock drift", period=PERIOD)
     found = identify(MACHINE, made.log)

@@ -320,6 +320,7 @@ def test_an_independent_integration_is_identified(machine, setpoints):
     assert accepted.static == pytest.approx(fitted.static if values["static"].identified else ratio * accepted.coulomb)
 
 
+@pytest.mark.soak
 def test_a_log_of_the_motor_s_torque_shows_no_fast_mode(machine, setpoints):
     """At 1 ms its course between samples is not known: friction and inertia are found, the mode is not told."""
     plant = plant_of(machine)

@@ -147,7 +147,7 @@ def law_of(seed, law):
 
 
 # whose torque takes effect half a sample late, of 2, 2 and 1 ms; the last has a mode at 336 Hz
-@pytest.mark.parametrize(("seed", "law"), [(1028, "lugre"), (1034, "backlash"), (1094, "load")])
+@pytest.mark.parametrize(("seed", "law"), suite_runs([(1028, "lugre"), (1034, "backlash"), (1094, "load")], 1))
 def test_a_late_torque_and_a_spring_do_not_bend_coulomb_friction(seed, law):
     _, values, truth = law_of(seed, law)
     assert values["coulomb"] == pytest.approx(truth["coulomb"], rel=0.06)
@@ -166,6 +166,7 @@ def test_direction_comes_before_any_wave():
     assert solution.values[-1] == pytest.approx(-3e-5, rel=0.05)
 
 
+@pytest.mark.soak
 def test_a_log_without_braking_shows_no_friction_by_load():
     """Where the torque never brakes, |T| times the direction is the torque itself, and would explain all of it."""
     regression = sliding(lambda x, v: 0.004 * np.sin(2 * np.pi * x / 12.0), stroke=6.0)

@@ -306,7 +306,7 @@ def test_progress_is_the_share_of_the_runs(found):
     "the job",
     "0.1 µm",
 )
-@pytest.mark.parametrize("name", ["fanuc-conical", "softmc-arc", "stage-outline"])
+@pytest.mark.parametrize("name", suite_runs(["fanuc-conical", "softmc-arc", "stage-outline"], 0))
 def test_scatter_of_the_contour_error_is_below_what_counts_as_worth(name):
     job = Job.load(name)
     setup = Setup(job.built_machine, job.built_servo, job.setpoints)

@@ -42,6 +42,7 @@ def test_stick_slip_scatters_by_more_than_the_digits_of_one_run(scatter):
     assert scatter.counts == {"x": pytest.approx(1e-3), "y": pytest.approx(1e-3)}
 
 
+@pytest.mark.soak
 def test_figures_at_the_default_step_are_those_at_a_quarter_of_it(job, scatter):
     """Means over the zeros: within three standard errors and the two per cent that docs/validation.md states."""
     fine = scatter_of(Job.load("trio-basic", ["simulation.physics_step=6.25e-5"]), 10, seed=1)

@@ -185,6 +185,7 @@ def test_a_study_in_other_processes(folder, tmp_path):
     assert {row["status"] for row in rows if row["speed_mm_s"] <= 40.0} == {"ok"}
 
 
+@pytest.mark.soak
 def test_the_tuner(folder, tmp_path):
     study = TuningStudy(job_of(folder, overrides=QUICK), budget=8, robust=1, guards=2, unseen=1, seed=1)
     assert any(row["status"] == "ok" for row in run_study(study, tmp_path / "out", workers=1).rows)

@@ -184,6 +184,7 @@ def test_the_cursor_marks_the_line_and_a_line_its_path(page):
     assert page.browser.text('.readout output[data-name="time"]') != "NaN s"
 
 
+@pytest.mark.soak
 def test_the_3d_view_follows_the_cursor_and_the_job_from_where_it_was_turned_to(page):
     surface = ".space .surface"
     page.changed(DROP, "part.ngc", TEXT)
@@ -277,6 +278,7 @@ def test_a_screen_reader_is_told_every_control_and_the_verdict(page):
     assert page.browser.run("return window.seen") == 2
 
 
+@pytest.mark.soak
 def test_every_target_is_large_enough_for_a_finger(page):
     script = """
     const targets = [...document.querySelectorAll("button, select, input, summary, a[href], textarea, [tabindex='0']")];

@@ -304,6 +304,7 @@ def test_a_search_that_ends_without_a_failure_is_not_called_the_fastest():
     )
 
 
+@pytest.mark.soak
 def test_the_fastest_program_is_that_of_the_speed_study():
     """Both name the speed without a warning, and the one without a failure."""
     job = lines_job(LINE, tolerance={"speed_reserve": 60.0})

@@ -450,6 +450,7 @@ def judged_by(**states):
     )
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "verdict",
     suite_runs(

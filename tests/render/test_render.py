@@ -115,7 +115,7 @@ def test_the_nozzle_follows_the_log(xy, dry, camera):
             assert abs(rows.max() - tip[1]) < reach + 2
 
 
-@pytest.mark.parametrize("camera", suite_runs(CAMERAS, 0, 3))
+@pytest.mark.parametrize("camera", suite_runs(CAMERAS, 0))
 def test_frames_are_neither_black_nor_blank_and_repeat(xy, run, camera):
     pictures = []
     for _ in range(2):

@@ -12,6 +12,7 @@ from gantrysim.report.writing import results_of
 from gantrysim.results.run_results import RunResults
 
 from support.labels import label_faults, noting_texts
+from support.soaked import suite_runs
 from support.viewer_jobs import climbing_job, viewer_job
 
 NARROW = 400
@@ -49,11 +50,14 @@ def test_labels_of_built_in_jobs_are_whole_and_apart(browser, name, tmp_path):
 
 @pytest.mark.parametrize(
     ("style", "fault"),
-    [
-        (".answer .judged { width: 60px; overflow: hidden; }", "cut: "),
-        (".answer h3 { margin-bottom: -20px; }", "over one another: "),
-        (".now { font-size: 9px; }", "9.0 px: "),
-    ],
+    suite_runs(
+        [
+            (".answer .judged { width: 60px; overflow: hidden; }", "cut: "),
+            (".answer h3 { margin-bottom: -20px; }", "over one another: "),
+            (".now { font-size: 9px; }", "9.0 px: "),
+        ],
+        1,
+    ),
 )
 def test_labels_that_are_spoilt_are_found(browser, tmp_path, style, fault):
     job = viewer_job()

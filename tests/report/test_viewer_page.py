@@ -407,6 +407,7 @@ def test_the_page_is_usable_at_once(browser, file):
     assert duration < USABLE
 
 
+@pytest.mark.soak
 def test_the_cursor_is_fluent_with_a_hundred_thousand_samples(browser, results, tmp_path):
     # the run, many times over, without its values of 16 bits again
     content = ViewerData(results).content()

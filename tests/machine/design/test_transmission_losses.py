@@ -146,6 +146,7 @@ def test_the_accuracy_class_displaces_the_nozzle(tmp_path):
     assert built(tmp_path).geometry is None
 
 
+@pytest.mark.soak
 def test_a_job_s_geometry_takes_the_place_of_the_table_s(tmp_path):
     file = str(EXAMPLES / "cantilever.toml")
     own, other = Job.load("an225", ["turns=1"], machine=file), Job.load("an225", ["turns=1", "play=0.01"], machine=file)

@@ -288,6 +288,7 @@ def test_a_machine_with_rotary_axes_is_tuned(tmp_path):
     assert again.built_servo == history.best.servo
 
 
+@pytest.mark.soak
 def test_axes_tuned_separately_for_the_tracking_error():
     crooked = detuned(0.3)
     crooked = crooked.changed({"servo.kp": [0.1 * crooked.servo.kp[0], crooked.servo.kp[1]]})
@@ -353,6 +354,7 @@ def test_the_answer_names_the_constraint_that_the_start_misses(job, monkeypatch)
     )
 
 
+@pytest.mark.soak
 def test_the_start_stays_where_nothing_better_is_found(outcome):
     first, done, folder = outcome
     found = Job.load(folder / "job.toml", servo=folder / TUNED)

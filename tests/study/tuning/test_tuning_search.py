@@ -104,6 +104,7 @@ def test_every_candidate_that_is_run_keeps_the_margin_and_the_edge_is_reached(st
     assert -0.01 < float(stability.excess(history.best.servo).max()) <= 0
 
 
+@pytest.mark.soak
 def test_shapes_that_keep_the_margin_at_no_frequency_are_not_run(stability):
     hardly_damped = DERIVED.with_values(kd=tuple(0.15 * kd for kd in DERIVED.per_axis("kd")), ki=(17.0, 23.0))
     history, rounds = run(space(hardly_damped, "pid"), stability, bowl, budget=40)
