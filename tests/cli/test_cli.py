@@ -621,6 +621,7 @@ def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):
     assert "o[red]x/: job.toml, run.npz, summary.json" in printed
 
 
+@pytest.mark.soak
 def test_a_machine_without_cameras_gets_a_video(gantrysim_command, tmp_path, rigid):
     arguments = [*(word for word in QUICK if word != "--no-video"), "--set", "turns=1", "--set", "speed=200"]
     status, _, errors = gantrysim_command(

@@ -12,10 +12,11 @@ from gantrysim.identify.plan import excitation
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 
+from support.soaked import suite_runs
 from support.spoiled_logs import spoiled
 
 
-@pytest.mark.parametrize("controller", ["trio", "softmc", "linuxcnc"])
+@pytest.mark.parametrize("controller", suite_runs(["trio", "softmc", "linuxcnc"], 0))
 def test_a_plan_is_a_program_file_that_is_read(gantrysim_command, tmp_path, monkeypatch, controller):
     monkeypatch.chdir(tmp_path)
     status, output, said = gantrysim_command("identify", "--plan", "--machine", "xy", "--controller", controller)

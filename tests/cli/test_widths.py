@@ -12,6 +12,8 @@ from gantrysim.cli.show import show_section
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.report import change_section
 
+from support.soaked import suite_runs
+
 WIDTHS = (120, 80, 40)
 WIDE = 1000
 RULES = set("│┃─━┏┓┗┛┡┩└┘├┤┼╇┳┻┬┴┝┥╈╉╊╋")
@@ -111,7 +113,7 @@ def test_the_levers_of_improve_lose_nothing(improvement, monkeypatch, capsys):
             assert widest(prose) <= width
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", suite_runs(list(KINDS), 0, 2, 4))
 def test_the_tables_of_info_lose_nothing(printed, name):
     for table in KINDS[name].tables():
         everything = printed(table, WIDE)

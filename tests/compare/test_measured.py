@@ -212,6 +212,7 @@ def test_samples_have_one_rate_within_a_hundredth_of_their_period(off, even):
     assert evenly(time) == even
 
 
+@pytest.mark.soak
 def test_links_that_are_not_measured_have_no_share_in_either_budget(run):
     encoder = Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE)
     assert list(encoder.parts) == ["servo"]

@@ -449,6 +449,7 @@ def test_places_along_an_arc_are_the_same_one_by_one(radius, begin, angle, clock
     assert arc.displacements(s).T.tolist() == [list(arc.displacement(distance)) for distance in s.tolist()]
 
 
+@pytest.mark.soak
 def test_a_condition_that_cannot_come_about_is_refused_long_before_the_time_limit():
     text = "BASE(0)\nSPEED=10\nMOVE(2)\nWAIT UNTIL MPOS>{}\nMOVE(2)"
     said = r"^line 4: waits for 300 s while nothing moves: what it waits for must come about$"

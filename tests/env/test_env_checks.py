@@ -41,9 +41,7 @@ def logger_speaks():
             (BANDIT, {"per_axis": True, "machine": "xyz", **SHORT}),
         ],
         0,
-        2,
         4,
-        6,
         8,
     ),
 )

@@ -41,7 +41,7 @@ def assert_same(one, other):
 
 
 @pytest.mark.parametrize(
-    "settings", [SHORT, {"job": "softmc-arc", "spread": None}, {"machine": "xyz", **SHORT}, LAWS, OWN]
+    "settings", suite_runs([SHORT, {"job": "softmc-arc", "spread": None}, {"machine": "xyz", **SHORT}, LAWS, OWN], 0, 1)
 )
 def test_a_branch_from_a_saved_state_equals_the_first_branch(settings):
     env = stepwise(**settings)

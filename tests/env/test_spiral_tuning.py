@@ -76,6 +76,7 @@ def test_the_gains_that_keep_the_limit_with_each_payload_exceed_it_little_within
             assert expected_cost(machine, servo, kp, kd, max(payload + off, 0.0)) < 0.15
 
 
+@pytest.mark.soak
 def test_the_heaviest_payload_asks_for_a_third_of_kp_and_more_feedforward(machine, table):
     kp = RANGE ** _stiffest(table, np.array([0.0, 4.0]))[:, 0]
     assert kp[1] / kp[0] == pytest.approx(0.3, abs=0.03)

@@ -224,6 +224,7 @@ def test_the_friction_of_a_fit_is_found_again_by_the_directions_that_it_predicts
     assert found == pytest.approx(friction, rel=0.01)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("filled", suite_runs([False, True], 1))
 def test_a_motion_through_a_backlash_leaves_hardly_a_residual(machine, filled):
     """Two masses with a gap between them, driven to and fro through it, by the equations of `identify.model`."""
@@ -362,6 +363,7 @@ def test_a_second_mode_is_recognised_as_a_wrong_structure(machine, setpoints):
     assert re.search(r"most at (1[0-6]\d) Hz", text), text
 
 
+@pytest.mark.soak
 def test_a_mode_that_the_table_has_elsewhere_is_fitted(machine, setpoints):
     """At 211 Hz, where the table's at 604 Hz is beyond the 500 Hz that a log at 1 ms shows."""
     plant = plant_of(machine, k=(2 * math.pi * 211) ** 2 * 0.3 * 0.7 * 15.0, motor=0.7 * 15.0, load=0.3 * 15.0)

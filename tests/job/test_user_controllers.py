@@ -179,6 +179,7 @@ def test_causes_studies_and_cases(folder):
     assert measure(Case.of(job, {"program.pitch": 6.0}))["path_length_mm"] == pytest.approx(72.0, rel=1e-2)
 
 
+@pytest.mark.soak
 def test_a_study_in_other_processes(folder, tmp_path):
     study = SpeedStudy(job_of(folder, overrides=QUICK), tolerance=0.05)
     rows = run_study(study, tmp_path / "out", workers=2).rows

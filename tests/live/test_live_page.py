@@ -172,6 +172,7 @@ def test_a_reload_and_a_second_tab_show_the_same(page):
     assert page.browser.run("return document.querySelector('.overlay') === null")
 
 
+@pytest.mark.soak
 def test_the_cursor_marks_the_line_and_a_line_its_path(page):
     page.changed(DROP, "part.ngc", TEXT)
     page.browser.run("document.querySelector('.strips').focus()")

@@ -500,6 +500,7 @@ def zigzag(count):
     return np.concatenate([np.zeros((1, 3)), np.cumsum(steps * random.uniform(0.5, 2, (count, 1)), axis=0)])
 
 
+@pytest.mark.soak
 def test_the_work_for_a_chain_grows_with_its_pieces_and_no_faster():
     """CPU time of 5,000 lines over that of 500, each the least of several: a quadratic algorithm takes 100 times."""
 
@@ -522,6 +523,7 @@ def test_a_corner_is_a_jump_of_the_tangent_by_more_than_a_ten_thousandth(angle):
     assert chain.corners.tolist() == ([10.0] if angle > 1e-4 else [])
 
 
+@pytest.mark.soak
 def test_ten_thousand_lines_lie_where_their_corners_are():
     points = zigzag(10_000)
     path = Chain([Line(a, b) for a, b in pairwise([tuple(point) for point in points.tolist()])])

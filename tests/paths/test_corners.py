@@ -84,6 +84,7 @@ def test_where_a_path_retraces_itself_its_sides_are_exchanged():
     assert (carried.lateral[0], carried.vertical[0]) == pytest.approx((0.003, 0.001), abs=EXACT)
 
 
+@pytest.mark.soak
 def test_corners_of_a_path_of_kilometres_are_those_of_a_short_one():
     """Where arc lengths are rounded to half a nanometre."""
     lines = []

@@ -180,6 +180,7 @@ def test_the_address_of_a_worker_is_refused_as_scheduler(cluster):
         pass
 
 
+@pytest.mark.soak
 def test_an_interrupted_study_releases_the_cluster_and_resumes(cluster, job, tmp_path):
     held_at = tmp_path / "held"
     held_at.mkdir()
