@@ -494,7 +494,7 @@ def test_the_spacing_of_a_climbing_trace_is_that_of_its_plan(height):
     assert found[0].distance.std() > 0.1  # the drift shows
 
 
-@pytest.mark.parametrize("plane", suite_runs([XY, ZX, YZ], 1))
+@pytest.mark.parametrize("plane", suite_runs([(XY,), (ZX,), (YZ,)], 1))
 def test_spacing_is_taken_in_the_plane_of_the_spiral(plane):
     path = Chain([Coil((3, 4, 5), (60, 20), 0.3, 8 * math.pi, frame=plane)])
     found = spacing(path, path.position(np.linspace(0, path.length, 4001)))
