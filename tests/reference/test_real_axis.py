@@ -64,6 +64,7 @@ def measured_rows():
     return {(row.model, row.judged): row for row in SCRIPT["rows"](Path(DATA), fit=False)}
 
 
+@pytest.mark.soak
 def test_published_machine_follows_both_laps_as_the_equation_does(measured_rows):
     for judged in SCRIPT["LAPS"]:
         published = measured_rows["published", judged]

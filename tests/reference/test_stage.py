@@ -69,6 +69,7 @@ def agrees(other):
     return within((contour(run.nozzle[:, :2]), torques_of(run)), other, *AGREES)
 
 
+@pytest.mark.soak
 @pytest.mark.validates(
     "the rotary stage in steps of 12.5 µs",
     "independent simulation of table and slides",
