@@ -38,7 +38,7 @@ ruff format --check .
 mypy
 lint-imports --no-cache
 wait $!
-# one process more than cores, as some wait for commands that they start; the tests of a file share its fixtures;
+# a process more than cores would collect and compile for nothing; the tests of a file share its fixtures;
 # there may be none beside the first ones
-pytest -m "not first and not soak" --numprocesses "$(($(getconf _NPROCESSORS_ONLN) + 1))" --dist worksteal "$@" ||
+pytest -m "not first and not soak" --numprocesses "$(getconf _NPROCESSORS_ONLN)" --dist worksteal "$@" ||
     [ $? = 5 ]

@@ -116,6 +116,7 @@ def test_a_log_gives_values_plots_and_a_machine(gantrysim_command, tmp_path):
     assert "which no identification has written" in said
 
 
+@pytest.mark.soak
 def test_a_log_whose_torque_is_not_that_of_its_motion_is_named(gantrysim_command, tmp_path):
     spoiled("torque of the wrong sign", 1).save(tmp_path / "log.csv", {"y": "mm"})
     status, output, said = gantrysim_command(

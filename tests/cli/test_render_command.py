@@ -109,6 +109,7 @@ def test_at_draws_one_picture(gantrysim_command, folder):
         np.testing.assert_array_equal(np.asarray(Image.open(folder / "b.png")), film.frame(film.end))
 
 
+@pytest.mark.soak
 def test_two_runs_become_a_comparison_beside_their_folders(gantrysim_command, folder, no_simulation):
     runs = folder / "slow", folder / "fast"
     status, printed, errors = gantrysim_command("render", *runs, "--size", "640x320", "--at", "0.5")

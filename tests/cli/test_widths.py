@@ -96,6 +96,7 @@ def improvement():
     return improve(Job.load("an225", SMALL), levers=names, fastest=False)
 
 
+@pytest.mark.soak
 def test_the_levers_of_improve_lose_nothing(improvement, monkeypatch, capsys):
     def show(width):
         monkeypatch.setenv("COLUMNS", str(width))

@@ -83,8 +83,8 @@ EXAMPLES = {
 }
 
 
-# those that identify, learn or film
-LONG = ["identification.md", "learning.md", "rendering.md"]
+# those that identify, learn, film or take a tour
+LONG = ["api/index.md", "identification.md", "learning.md", "rendering.md"]
 
 
 @pytest.mark.first

@@ -18,6 +18,7 @@ from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.stability.margins import margins_of
 
 from support.runs import PERIOD, ramp, smooth
+from support.soaked import suite_runs
 
 SAME = 1e-9  # of two computations of one law [N·m]
 NEAR = 0.03  # distance from a margin at which a kick grows or decays, relative
@@ -119,13 +120,18 @@ def pulse(age):
 
 @pytest.mark.parametrize(
     "names",
-    [
-        ["p-pi"],
-        ["pid", "friction"],
-        ["pid", "observer"],
-        ["pid", "contour"],
-        ["p-pi", "friction", "observer", "contour"],
-    ],
+    suite_runs(
+        [
+            ["p-pi"],
+            ["pid", "friction"],
+            ["pid", "observer"],
+            ["pid", "contour"],
+            ["p-pi", "friction", "observer", "contour"],
+        ],
+        0,
+        2,
+        4,
+    ),
     ids="+".join,
 )
 @pytest.mark.first

@@ -147,7 +147,7 @@ def test_the_ripple_of_an_episode_is_that_of_the_metrics():
     assert info["ripple"] == pytest.approx((torque_ripple(run) / peak).max(), rel=RIPPLE)
 
 
-@pytest.mark.parametrize("name", ["softmc-arc", "fanuc-conical", "stage-outline"])
+@pytest.mark.parametrize("name", suite_runs(["softmc-arc", "fanuc-conical", "stage-outline"], 0))
 def test_the_ripple_of_an_episode_with_pauses_is_that_of_the_metrics(name):
     env = GainBanditEnv(job=name, spread=None)
     env.reset(seed=1)
@@ -273,7 +273,7 @@ def test_a_job_gives_path_machine_servo_and_dispenser():
     assert info["episode_contour_max"] == pytest.approx(contour.max, abs=CONTOUR)
 
 
-@pytest.mark.parametrize("name", ["stage-outline", "fanuc-conical", "fanuc-spiral"])
+@pytest.mark.parametrize("name", suite_runs(["stage-outline", "fanuc-conical", "fanuc-spiral"], 0))
 def test_every_kind_of_machine_and_path_has_its_contour_error(name):
     env = GainBanditEnv(job=Job.load(name), spread=None)
     observation, _ = env.reset(seed=1)
@@ -514,7 +514,9 @@ def test_unknown_options_of_reset_are_rejected(env):
         stepwise_vector(2).reset(options={"mask": np.ones(2, bool)})
 
 
-@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize(
+    "again", suite_runs([copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], 2)
+)
 def test_a_copy_is_a_new_environment_with_the_same_settings(again):
     for env in (stepwise(**SHORT), GainBanditEnv(**SHORT), stepwise_vector(2, **SHORT, threads=1)):
         other = again(env)

@@ -55,7 +55,6 @@ SHAPE = "print(env.reset(seed=1)[0].shape[-1]); env.close()"
             (("import gymnasium", MAKE.replace("gantrysim/", "gantrysim.env:gantrysim/"), SHAPE), (TUNED,)),
         ],
         0,
-        2,
     ),
     ids=["gantrysim.env first, bandit", "gymnasium first, native, sync and async vectors", "module in the id"],
 )

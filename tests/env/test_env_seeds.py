@@ -103,6 +103,7 @@ def test_an_episode_does_not_depend_on_its_neighbours():
         assert all(np.array_equal(one[0], other[3]) for one, other in zip(own[:4], others[:4], strict=True))
 
 
+@pytest.mark.soak
 def test_many_places_on_any_number_of_threads_equal_one_another():
     together, alone = (gymnasium.make_vec(TUNING, num_envs=18, threads=threads, **SHORT) for threads in (3, 1))
     assert same(together.reset(seed=5), alone.reset(seed=5))

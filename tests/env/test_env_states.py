@@ -141,15 +141,22 @@ def test_a_nominal_machine_can_be_given_values_in_one_environment_alone():
 
 @pytest.mark.parametrize(
     ("options", "text"),
-    [
-        ({"spiral": {"pitch": 3}}, "unknown value of the spiral 'pitch'"),
-        ({"spiral": {"turns": 1.5}}, "turns = 1.5"),
-        ({"spiral": {"diameter": 10.0, "thickness": 6.0}}, "diameter = 10 mm: must be at least 4 times the thickness"),
-        ({"spiral": 3}, "option spiral = 3: must be a dict"),
-        ({"machine": {"friction": 2.0}}, "unknown value of the machine 'friction'"),
-        ({"machine": {"friction_x": -1.0}}, "factor of friction = -1"),
-        ({"machine": {"payload_kg": float("nan")}}, "payload_kg = nan"),
-    ],
+    suite_runs(
+        [
+            ({"spiral": {"pitch": 3}}, "unknown value of the spiral 'pitch'"),
+            ({"spiral": {"turns": 1.5}}, "turns = 1.5"),
+            (
+                {"spiral": {"diameter": 10.0, "thickness": 6.0}},
+                "diameter = 10 mm: must be at least 4 times the thickness",
+            ),
+            ({"spiral": 3}, "option spiral = 3: must be a dict"),
+            ({"machine": {"friction": 2.0}}, "unknown value of the machine 'friction'"),
+            ({"machine": {"friction_x": -1.0}}, "factor of friction = -1"),
+            ({"machine": {"payload_kg": float("nan")}}, "payload_kg = nan"),
+        ],
+        0,
+        3,
+    ),
 )
 def test_a_choice_out_of_bounds_is_rejected(options, text):
     for env in (stepwise(**SHORT), stepwise_vector(2, **SHORT)):

@@ -18,7 +18,7 @@ from gantrysim.paths.profile import PointToPoint
 from gantrysim.paths.spirals import Involute
 
 from support.episodes import BEAD, SHORT, SPEED, TORQUE, actions_of, returned, same
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 TASKS = [BEAD, SPEED, TORQUE]
 STEADY = {"warming": 1.0, "clog": 1.0, "dip": 0.0, "lag": 0.05}
@@ -231,7 +231,9 @@ def test_friction_changes_when_it_is_said_to():
     assert demand[1] > 1.2 * demand[0]
 
 
-@pytest.mark.parametrize(("name", "parameter", "constants"), [(BEAD, 0.15, (1.0, 1.1)), (SPEED, 6.0, (0.4, 1.0))])
+@pytest.mark.parametrize(
+    ("name", "parameter", "constants"), suite_runs([(BEAD, 0.15, (1.0, 1.1)), (SPEED, 6.0, (0.4, 1.0))], 0)
+)
 def test_adapting_beats_constants(name, parameter, constants):
     seeds = range(500, 503)
     env = gymnasium.make(name).unwrapped

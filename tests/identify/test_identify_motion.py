@@ -78,6 +78,7 @@ def test_rows_that_are_missing_begin_a_new_piece():
         identify(MACHINE, replace(cut, starts=(0,)))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("share", suite_runs([0.3, -0.25], 0))
 def test_viscous_friction_by_direction_is_found_and_carried(share):
     made = random_log(62, "coulomb", slip="", noise=1e-3, period=PERIOD, uneven=share)

@@ -66,7 +66,7 @@ def test_the_table_of_machines_is_that_of_the_models_smallest_first():
     assert [smallest_machine(axes) for axes in (("x", "y"), ("x", "z"), ("x", "r"))] == ["xy", "xyz", "xyzr"]
 
 
-@pytest.mark.parametrize("part", suite_runs(PARTS, 0, 2), ids=lambda part: part.name)
+@pytest.mark.parametrize("part", suite_runs(PARTS, 0), ids=lambda part: part.name)
 def test_ordinary_files_check_and_run_with_glue(part, gantrysim_command, tmp_path):
     status, printed, _ = gantrysim_command("check", part)
     assert status == 0

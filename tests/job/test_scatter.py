@@ -72,6 +72,7 @@ def test_the_figures_are_those_of_the_runs(job):
     assert found.figures["contour_rms_um"].std == pytest.approx(np.std(contours, ddof=1), rel=1e-6)
 
 
+@pytest.mark.soak
 def test_the_same_seed_gives_the_same_scatter_and_another_one_another(job, scatter):
     assert scatter_of(job, 10, seed=1) == scatter
     assert scatter_of(job, 10, seed=2).figures["contour_rms_um"] != scatter.figures["contour_rms_um"]

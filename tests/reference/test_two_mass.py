@@ -204,7 +204,7 @@ BREAKS = {
 }
 
 
-@pytest.mark.parametrize("factors", BREAKS.values(), ids=BREAKS)
+@pytest.mark.parametrize("factors", suite_runs(BREAKS.values(), 0, 4, 8), ids=BREAKS)
 def test_another_plant_does_not_agree(factors):
     name = "softmc-arc"
     other = reference(name, stiff(name), drives_with(**factors))

@@ -32,7 +32,7 @@ def check_labels(browser, file):
         assert label_faults(browser, LEAST if width == NARROW else 0.0) == [], width
 
 
-@pytest.mark.parametrize("job", [viewer_job(), climbing_job()], ids=lambda job: job.name)
+@pytest.mark.parametrize("job", suite_runs([viewer_job(), climbing_job()], 0), ids=lambda job: job.name)
 def test_labels_of_short_jobs_are_whole_and_apart(browser, job, tmp_path):
     run = job.run()
     bead = Bead(run, job.bead, Analysis(run))
@@ -71,6 +71,7 @@ def test_labels_that_are_spoilt_are_found(browser, tmp_path, style, fault):
     assert any(text.startswith(fault) for text in found), found
 
 
+@pytest.mark.soak
 def test_texts_on_canvases_are_seen(browser, tmp_path):
     job = viewer_job()
     run = job.run()

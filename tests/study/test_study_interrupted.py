@@ -191,6 +191,7 @@ def test_cases_withdrawn_before_a_worker_takes_them_leave_no_traceback(tmp_path,
     assert threading.excepthook is before
 
 
+@pytest.mark.soak
 def test_a_folder_in_use_is_refused_and_a_killed_study_resumes_with_the_same_rows(tmp_path, gantrysim_command):
     folder = tmp_path / "loop"
     process = begun(folder)

@@ -213,6 +213,7 @@ class OtherLoop(SpiralTheory):
         return known and LoopErrors(Deviation(2 * known.program.rms, 2 * known.program.max), known.spacing)
 
 
+@pytest.mark.soak
 def test_any_controller_with_a_theory_of_its_loop_is_studied(study, monkeypatch):
     """The study reports the errors and uses the words of the theory that the controller gives."""
     known = results(study, known_rows())
@@ -288,6 +289,7 @@ def test_the_knee_of_known_rows(study):
     assert found["loop period", PERFECT, "growth of the program error"] == "T^1.00, 2 µm per ms"
 
 
+@pytest.mark.soak
 def test_a_faster_loop_that_is_worse_is_reported_with_its_cause(study):
     known = report(study, known_rows())
     assert "the contour error has knees at loop period (loop alone) " in known.answer

@@ -88,6 +88,7 @@ def test_with_few_machines_for_many_factors_a_dominant_one_is_still_significant(
     assert spearmanr(drawn["c"], metric).statistic > 0.85
 
 
+@pytest.mark.soak
 def test_false_alarms_are_about_one_study_in_twenty():
     generator = np.random.default_rng(2)
     alarms = [

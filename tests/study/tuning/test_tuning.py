@@ -642,6 +642,7 @@ def test_the_median_of_unseen_machines_is_that_of_the_lower_half(outcome):
         assert table["unseen machines within all limits"][k] == sum(peak <= 2.0 for peak in peaks)
 
 
+@pytest.mark.soak
 def test_a_note_says_that_tuning_cannot_fix_errors_of_the_program():
     job = Job.load("an225", ["turns=1", "diameter=40", "simulation.settle=0.05"])
     study = tuning(job, budget=8, robust=0, unseen=0)
