@@ -1,4 +1,4 @@
-"""Attack every reader of input and every writer of files, and write their table in docs/validation.md; takes an hour.
+"""Attack every reader of input and every writer of files, and write their table in docs/validation.md; takes two hours.
 
 python scripts/soak.py [ARGUMENT OF PYTEST ...]
 
