@@ -443,6 +443,7 @@ def test_traces_that_cannot_be_compared_are_refused(run):
             aligned_trace(Trace(factor * run.time, {"encoder": run.encoder}, None), run)
 
 
+@pytest.mark.drawn
 def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_command):
     folder = tmp_path / "out"
     assert (
