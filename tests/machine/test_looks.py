@@ -229,7 +229,7 @@ def test_a_machines_digest_does_not_depend_on_its_looks(rigid):
     assert Machine(machine.source).physics.ncam == 1
 
 
-@pytest.mark.parametrize("name", suite_runs(builtin_models(), 0, 1))
+@pytest.mark.parametrize("name", suite_runs(builtin_models(), 0))
 def test_close_up_shadows_are_sharp_and_follow_the_tip(name):
     machine = Machine(name)
     low, high = np.array([axis.travel for axis in machine.axes]).T

@@ -89,6 +89,7 @@ def test_distances_from_the_sampled_path_are_those_of_the_follower():
     assert np.abs(contour(engine().nozzle[:, :2])) == pytest.approx(found, abs=CHORDS)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "change",
     suite_runs([(("table", "inertia", 1.05),), (("x_slide", "y", 0.9),), (("y_slide", "mass", 1.1),)], 1),
@@ -103,9 +104,7 @@ def test_other_masses_do_not_agree(change):
 
 @pytest.mark.parametrize(
     ("axis", "number"),
-    suite_runs(
-        [(0, "rotor"), (1, "rotor"), (2, "coulomb"), (0, "inductance"), (2, "inductance"), (0, "stiffness")], 2, 5
-    ),
+    suite_runs([(0, "rotor"), (1, "rotor"), (2, "coulomb"), (0, "inductance"), (2, "inductance"), (0, "stiffness")], 2),
 )
 def test_another_drive_does_not_agree(axis, number):
     drives = read_drives(FILE)

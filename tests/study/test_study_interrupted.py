@@ -55,6 +55,7 @@ def test_a_study_that_is_interrupted_before_its_first_row_leaves_nothing(tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.soak
 def test_ctrl_c_in_a_terminal_ends_the_command_and_says_how_to_resume(tmp_path):
     folder = tmp_path / "loop"
     process = begun(folder)

@@ -91,6 +91,7 @@ def test_a_transmission_below_one_half_holds_its_load(tmp_path):
             assert run.motor[-1, 0] == pytest.approx(0.5 * a * run.time[-1] ** 2, rel=0.03)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", suite_runs(["corexy", "tandem"], 0))
 def test_belts_and_two_drives_lose_it_too(tmp_path, name):
     """The work of all motors between two rests is what is lost: more with less efficiency, about by its share."""
