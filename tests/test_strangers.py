@@ -32,7 +32,7 @@ print(type(run.requested).__name__, repr(run.requested.length), len(run.time), r
 """
 
 
-@pytest.mark.parametrize("name", suite_runs(builtin_jobs(), 0, 6))
+@pytest.mark.parametrize("name", suite_runs(builtin_jobs(), 6))
 def test_a_record_of_every_built_in_job_is_loaded(fresh, tmp_path, name):
     job = Job.load(name)
     record = job.follow()

@@ -77,7 +77,7 @@ def command(gantrysim_command, monkeypatch, small, tmp_path):
     return run
 
 
-@pytest.mark.parametrize("arguments", suite_runs([RUN, ("check", "an225")], 0), ids=["run", "check"])
+@pytest.mark.parametrize("arguments", suite_runs([(RUN,), (("check", "an225"),)], 0), ids=["run", "check"])
 def test_a_command_loses_nothing_in_a_narrow_terminal(command, arguments):
     everything = command(WIDE, *arguments)
     for width in WIDTHS:

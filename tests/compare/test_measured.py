@@ -362,6 +362,7 @@ def circle_test():
     return CircleStudy(radius=30.0, speed=100.0)
 
 
+@pytest.mark.soak
 def test_a_measured_circle_has_the_values_of_the_circular_test(circle_test):
     run = circle_test.job.run()
     trace = Trace(run.time + 2.0, {"commanded": run.commanded, "encoder": run.encoder}, run.nozzle)

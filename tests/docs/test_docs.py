@@ -19,7 +19,6 @@ import gantrysim
 from gantrysim import Job, metrics
 from gantrysim.cli.main import app
 from gantrysim.glue.bead import Bead
-from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.losses import Losses
 
 from support.doc_pages import (
@@ -35,7 +34,7 @@ from support.doc_pages import (
     run_in_turn,
 )
 from support.jobs import job_run
-from support.soaked import suite_runs
+from support.soaked import of_jobs, suite_runs
 
 PAGES = read_pages()
 README = PAGES["README.md"]
@@ -152,7 +151,7 @@ def test_the_readme_s_errors_are_those_of_program_and_job(an225):
     assert len(README.splitlines()) <= 120
 
 
-@pytest.mark.parametrize("name", builtin_jobs())
+@pytest.mark.parametrize("name", of_jobs("an225", "delta-arc", "fanuc-spiral", "stage-outline"))
 def test_the_jobs_table_is_what_the_jobs_give(name):
     job = Job.load(name)
     values = metrics.values(job_run(name))

@@ -164,7 +164,7 @@ def response(axis, servo, a, w, period, lag):
     "sampled loop with and without it, in closed form",
     "3 %",
 )
-@pytest.mark.parametrize("feedforward", [0.0, 1.0])
+@pytest.mark.parametrize("feedforward", suite_runs([0.0, 1.0], 1))
 @pytest.mark.parametrize("speed", suite_runs([100.0, 200.0], 0))
 def test_winding_and_sampling_are_worth_their_lag_on_a_circle(rigid, circle, feedforward, speed):
     """The steady radial error of two axes that lag by the winding's L/R, and by the hold and the difference."""

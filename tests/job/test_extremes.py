@@ -12,7 +12,7 @@ from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.overrides import known_keys
 
 from support.extremes import VALUES, attempt
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 QUICK = ("an225", "fanuc-spiral", "linuxcnc-flanges", "softmc-helical", "stage-outline", "trio-basic")
 loaded = functools.cache(Job.load)
@@ -22,7 +22,7 @@ def keys_of(job):
     return known_keys(tomllib.loads(job_text(job)))
 
 
-@pytest.mark.parametrize("job", QUICK)
+@pytest.mark.parametrize("job", suite_runs(QUICK, 0, 3))
 @given(data=st.data())
 @examples(8)
 def test_some_extreme_values(job, data):

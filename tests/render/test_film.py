@@ -137,6 +137,7 @@ def test_a_gif_has_frame_times_in_hundredths_and_the_right_frames(alone, run, tm
         assert apart(frames[k], alone.frame(min(k * speed * 1e-3 * duration, alone.end), speed)) < PALETTE
 
 
+@pytest.mark.soak
 def test_a_gif_keeps_rare_colours(xy, run, tmp_path):
     with Film([Take(xy, run)], camera="overview", size=(420, 200), colour="width") as coloured:
         coloured.save(tmp_path / "a.gif", fps=2)
@@ -339,7 +340,7 @@ class Unopened:
         pass
 
 
-@pytest.mark.parametrize("count", suite_runs([1, 2, 4], 1, 2))
+@pytest.mark.parametrize("count", suite_runs([1, 2, 4], 2))
 @pytest.mark.parametrize("colour", suite_runs(["plain", "error"], 1))
 def test_the_pictures_of_a_film_of_any_shape_do_not_overlap(xy, run, monkeypatch, count, colour):
     monkeypatch.setattr(film, "Renderer", Unopened)

@@ -257,6 +257,7 @@ def test_an_interrupted_search_resumes_to_the_same_result(outcome, poor, tmp_pat
     assert content(tmp_path / "a") == content(folder)
 
 
+@pytest.mark.soak
 def test_a_start_that_faults_is_replaced_by_feasible_gains():
     study = tuning(detuned(1.0, kp=40.0, ki=40.0), budget=24)
     rows = searched(study)
