@@ -82,6 +82,7 @@ def test_without_autoreset_it_equals_gymnasiums(threads):
     assert resets > 3
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("mode", [NEXT, SAME])
 def test_the_bandits_with_gains_per_axis_equal_gymnasiums(mode):
     scalar, native = both(mode, 3, 2, BANDIT, per_axis=True, detune=3.0)

@@ -257,6 +257,7 @@ def test_a_schedule_beats_fixed_gains():
         assert adaptive < 0.8 * -sum(returned(fixed, seed, hold)[0] for seed in seeds)
 
 
+@pytest.mark.soak
 def test_the_vector_environment_equals_the_scalar_one_past_the_change_and_the_end():
     scalar = SyncVectorEnv([lambda: gymnasium.make(TASK, **BRIEF) for _ in range(3)])
     native = gymnasium.make_vec(TASK, num_envs=3, threads=2, **BRIEF)

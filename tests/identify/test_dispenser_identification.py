@@ -29,6 +29,7 @@ def identified(tmp_path, text, **options):
 CASES = [(kind, fluid, seed) for seed in range(5) for kind in KINDS for fluid in FLUIDS]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("kind", "fluid", "seed"), suite_runs(CASES, 2))
 def test_intervals_hold_the_truth(tmp_path, kind, fluid, seed):
     """Each by itself may miss one of its values; `test_coverage` counts them all."""

@@ -154,6 +154,7 @@ def test_a_constant_lateral_error_does_not_change_the_spacing(error, pitch, cloc
     assert found.distance == pytest.approx(np.full(found.s.size, pitch), abs=SPACING)
 
 
+@pytest.mark.soak
 def test_perfect_follower_of_the_loop_of_one_second_has_the_arcs_spacing():
     spiral = MoveSpiral(120, 4, 10, SPEED, loop_period=1.0)
     angle = SPEED / 60
@@ -187,6 +188,7 @@ def test_spacing_of_archimedes_spiral_is_measured_along_its_own_normal():
     assert min(exact) < 10 - 5e-3
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("waves", suite_runs([3.3, 41.7], 0))
 def test_spacing_of_a_wavy_trace_is_measured_along_its_own_normal(waves):
     amplitude = 0.2

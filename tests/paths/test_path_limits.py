@@ -273,6 +273,7 @@ def test_no_profile_on_the_same_nodes_is_faster(path, length, speed, seed):
     assert -FEASIBLE <= shortfall(path, length, speed, seed) <= OPTIMUM
 
 
+@pytest.mark.soak
 def test_hardly_any_profile_on_the_same_nodes_is_faster_at_all():
     found = []
     for seed in range(100):

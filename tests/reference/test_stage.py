@@ -84,6 +84,7 @@ def test_the_reference_has_converged():
     assert np.abs(reference()[0] - reference(step=STEP / 2)[0]).max() < CONVERGED
 
 
+@pytest.mark.soak
 def test_distances_from_the_sampled_path_are_those_of_the_follower():
     found = Analysis(engine()).nozzle.distance
     assert np.abs(contour(engine().nozzle[:, :2])) == pytest.approx(found, abs=CHORDS)

@@ -124,7 +124,7 @@ def test_an_mp4_has_its_frames_its_rate_and_its_pictures(alone, run, tmp_path):
     assert content.index(b"moov") < content.index(b"mdat")
 
 
-@pytest.mark.parametrize(("fps", "duration"), [(10, 100), (30, 30), (500, 20)])
+@pytest.mark.parametrize(("fps", "duration"), suite_runs([(10, 100), (30, 30), (500, 20)], 0))
 def test_a_gif_has_frame_times_in_hundredths_and_the_right_frames(alone, run, tmp_path, fps, duration):
     speed = {10: 2.0, 30: 8.0, 500: 10.0}[fps]
     count = alone.save(tmp_path / "a.gif", fps=fps, speed=speed)
@@ -147,6 +147,7 @@ def test_a_gif_keeps_rare_colours(xy, run, tmp_path):
     assert away.mean() < PALETTE
 
 
+@pytest.mark.soak
 def test_two_films_of_a_run_are_the_same_frames(xy, run, alone, tmp_path):
     alone.save(tmp_path / "a.mp4", fps=4)
     save_video(xy, run, tmp_path / "b.mp4", size=SIZE, fps=4.0, label="one", colour="plain")
