@@ -30,13 +30,15 @@ ruff format --check .
 # for itself, as it keeps what it has compiled when it ends.
 {
     gantrysim compile gantrysim/jobs/*.toml
-    # there may be none among the tests that were asked for
-    pytest -m "first and not soak" --numprocesses 2 --dist worksteal "$@" || [ $? = 5 ]
+    # without others, whose collection takes longer than they run; there may be none among the tests that were asked for
+    selected=("$@")
+    [ $# -gt 0 ] || mapfile -t selected < <(grep -rl "pytest.mark.first" tests --include "test_*.py")
+    pytest -m "first and not soak" --numprocesses 2 --dist worksteal "${selected[@]}" || [ $? = 5 ]
 } &
 mypy
 lint-imports --no-cache
 wait $!
-# one process more than cores, as some wait for commands that they start; the tests of a file share its fixtures;
+# a process more than cores would collect and compile for nothing; the tests of a file share its fixtures;
 # there may be none beside the first ones
-pytest -m "not first and not soak" --numprocesses "$(($(getconf _NPROCESSORS_ONLN) + 1))" --dist worksteal "$@" ||
+pytest -m "not first and not soak" --numprocesses "$(getconf _NPROCESSORS_ONLN)" --dist worksteal "$@" ||
     [ $? = 5 ]

@@ -29,10 +29,17 @@ from gantrysim import Machine
 from gantrysim.cli.main import main
 from gantrysim.paths.arcs import ArcChain
 
+from support.blank_pictures import save_blank
 from support.browser import Browser, chromium
 from support.fresh import FreshProcesses
+from support.soaked import number_of_examples
 
-settings.register_profile("any machine", max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "any machine",
+    max_examples=number_of_examples(50),
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
 settings.load_profile("any machine")
 
 RIGID = """
@@ -145,9 +152,22 @@ def circle() -> Callable[..., ArcChain]:
     return build
 
 
+@pytest.fixture(scope="module")
+def blank_pictures() -> Iterator[None]:
+    """Figures that tests of a module, and its fixtures, write are blank, see `support.blank_pictures`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("matplotlib.figure.Figure.savefig", save_blank)
+        yield
+
+
 @pytest.fixture
-def gantrysim_command(monkeypatch, capsys):
-    """Run the command in this process: exit status, standard output, standard error."""
+def gantrysim_command(request, monkeypatch, capsys):
+    """Run the command in this process: exit status, standard output, standard error.
+
+    Its figures are blank, see `support.blank_pictures`, but in tests marked `drawn` and in those of the soak.
+    """
+    if not any(request.node.get_closest_marker(name) for name in ("drawn", "soak")):
+        monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
 
     def command(*arguments):
         monkeypatch.setattr(sys, "argv", ["gantrysim", *map(str, arguments)])

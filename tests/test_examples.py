@@ -56,6 +56,7 @@ def test_the_spiral_is_judged_and_its_program_spoils_it(example):
     assert "at most 300.0 µm (given)" in output
 
 
+@pytest.mark.soak
 def test_a_file_of_g_code_is_run_judged_and_improved(example, tmp_path):
     output = example("own_gcode.py", without=('run.report("out/own-gcode")',))
     assert "machine xyz, the smallest for this program" in output
@@ -77,6 +78,7 @@ def test_an_ideal_loop_errs_in_proportion_to_its_period_and_a_real_one_does_not(
     assert real[2] > real[1]
 
 
+@pytest.mark.soak
 def test_tuned_gains_are_better_and_written_for_a_controller(example, tmp_path):
     output = example("tune_and_export.py")
     derived, tuned = (float(text) for text in re.findall(r"contour error ([\d.]+) µm rms$", output, flags=re.MULTILINE))
@@ -86,6 +88,7 @@ def test_tuned_gains_are_better_and_written_for_a_controller(example, tmp_path):
     assert (tmp_path / "out/tuned/tuned.toml").is_file()
 
 
+@pytest.mark.soak
 def test_an_agent_trains_and_is_compared(example, tmp_path):
     output = example("train_agent.py")
     returns = [float(text) for text in re.findall(r"mean return (-[\d.]+)", output)]

@@ -32,6 +32,7 @@ def test_no_input_breaks_a_reader(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.soak
 def test_the_seeds_of_every_reader_are_inputs():
     for name, target in TARGETS.items():
         assert target.seeds(), name

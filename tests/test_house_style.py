@@ -2,6 +2,7 @@
 
 import ast
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,12 @@ CHANGING = {
     "study/tuning/search.py:MarginEdge",
     "study/tuning/search.py:_Runs",
 }
+
+
+@cache
+def tree_of(source):
+    """The syntax tree of a module, built once for all rules."""
+    return ast.parse(source)
 
 
 def unparsed(nodes):
@@ -100,7 +107,7 @@ def breaches(source, file):
     lines = source.count("\n")
     if lines > LONGEST_MODULE:
         yield "modules", 1, f"{lines} lines"
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(tree_of(source)):
         name = bound_name(node)
         if name in NO_NOUNS and f"{file}:{name}" not in NAMES_ALLOWED:
             yield "names", node.lineno, name
@@ -133,7 +140,7 @@ def test_values_do_not_change():
     changing = {
         f"{path.relative_to(PACKAGE).as_posix()}:{node.name}"
         for path, source in sources().items()
-        for node in ast.walk(ast.parse(source))
+        for node in ast.walk(tree_of(source))
         if isinstance(node, ast.ClassDef)
         for decorator in map(ast.unparse, node.decorator_list)
         if decorator.startswith("dataclass") and "frozen=True" not in decorator
@@ -147,7 +154,7 @@ def test_exceptions_are_needed():
     functions = set()
     for path, source in sources().items():
         file = path.relative_to(PACKAGE).as_posix()
-        for node in ast.walk(ast.parse(source)):
+        for node in ast.walk(tree_of(source)):
             names.add(f"{file}:{bound_name(node)}")
             if isinstance(node, ast.FunctionDef) and len(parameters_of(node)) > MOST_PARAMETERS:
                 functions.add(f"{file}:{node.name}")

@@ -83,6 +83,7 @@ def contents(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "words",
     [

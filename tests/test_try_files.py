@@ -53,6 +53,7 @@ def test_alike_reasons_are_one(script):
     assert {script.reason(text, file) for text in texts} == {"radius = # mm: must be '..'"}
 
 
+@pytest.mark.soak
 def test_the_tables_count_what_runs(tmp_path):
     (tmp_path / "good.ngc").write_text("G0 X1\nG1 X9 F60\nM2\n")
     (tmp_path / "slow.ngc").write_text("G1 X9\nM2\n")

@@ -38,6 +38,7 @@ from gantrysim.results.quantities import ERROR_GROUP
 from gantrysim.results.run_results import RunResults
 
 from support.runs import turn, turntable
+from support.soaked import suite_runs
 from support.studies import PATIENCE
 
 SHORT = [
@@ -460,6 +461,7 @@ def test_an_interrupt_while_modules_are_imported_is_one_line(tmp_path, number):
     assert (done.returncode, done.stdout, done.stderr) == (128 + number, "", "interrupted: nothing is written\n")
 
 
+@pytest.mark.soak
 def test_an_invalid_mujoco_gl_is_one_line():
     environment = {**os.environ, "MUJOCO_GL": "foo"}
     command = [sys.executable, "-m", "gantrysim", "info"]
@@ -576,7 +578,7 @@ def test_a_drawing_that_fails_costs_its_plot_and_the_page(gantrysim_command, tmp
     assert sorted(p.stem for p in (tmp_path / "plots").iterdir()) == ["bead", "budget", "plan", "spacing"]
 
 
-@pytest.mark.parametrize("place", ["bead_section", "draw_page"])
+@pytest.mark.parametrize("place", suite_runs(["bead_section", "draw_page"], 0))
 def test_a_page_that_fails_costs_nothing_else(gantrysim_command, tmp_path, monkeypatch, place):
     def broken(*_, **__):
         raise ValueError("no numbers")
@@ -621,6 +623,7 @@ def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):
     assert "o[red]x/: job.toml, run.npz, summary.json" in printed
 
 
+@pytest.mark.soak
 def test_a_machine_without_cameras_gets_a_video(gantrysim_command, tmp_path, rigid):
     arguments = [*(word for word in QUICK if word != "--no-video"), "--set", "turns=1", "--set", "speed=200"]
     status, _, errors = gantrysim_command(

@@ -6,6 +6,8 @@ import re
 
 import pytest
 
+from support.soaked import suite_runs
+
 DIGITS = "1" * 5000
 SQUARE = "x,y\n0,0\n10,0\n10,10\n"
 
@@ -116,7 +118,9 @@ DRAWINGS = {
 }
 
 
-@pytest.mark.parametrize(("text", "settings"), [(t, s) for t, *s in DRAWINGS.values()], ids=DRAWINGS.keys())
+@pytest.mark.parametrize(
+    ("text", "settings"), suite_runs([(t, s) for t, *s in DRAWINGS.values()], 0, 3), ids=DRAWINGS.keys()
+)
 def test_a_route_has_a_leg_for_every_piece_of_its_chain(text, settings):
     from gantrysim.controllers.drawings import Drawing
 

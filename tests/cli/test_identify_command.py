@@ -12,10 +12,11 @@ from gantrysim.identify.plan import excitation
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 
+from support.soaked import suite_runs
 from support.spoiled_logs import spoiled
 
 
-@pytest.mark.parametrize("controller", ["trio", "softmc", "linuxcnc"])
+@pytest.mark.parametrize("controller", suite_runs(["trio", "softmc", "linuxcnc"], 0))
 def test_a_plan_is_a_program_file_that_is_read(gantrysim_command, tmp_path, monkeypatch, controller):
     monkeypatch.chdir(tmp_path)
     status, output, said = gantrysim_command("identify", "--plan", "--machine", "xy", "--controller", controller)
@@ -65,6 +66,7 @@ def test_period_and_rows_describe_the_log(gantrysim_command, tmp_path):
 
 
 @pytest.mark.first
+@pytest.mark.drawn
 def test_a_log_gives_values_plots_and_a_machine(gantrysim_command, tmp_path):
     """A rigid log of x alone: the moves at speed, without the short strokes."""
     machine = Machine("xy")
@@ -115,6 +117,7 @@ def test_a_log_gives_values_plots_and_a_machine(gantrysim_command, tmp_path):
     assert "which no identification has written" in said
 
 
+@pytest.mark.soak
 def test_a_log_whose_torque_is_not_that_of_its_motion_is_named(gantrysim_command, tmp_path):
     spoiled("torque of the wrong sign", 1).save(tmp_path / "log.csv", {"y": "mm"})
     status, output, said = gantrysim_command(
@@ -126,6 +129,7 @@ def test_a_log_whose_torque_is_not_that_of_its_motion_is_named(gantrysim_command
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.soak
 def test_a_log_that_is_too_slow_is_not_identified(gantrysim_command, tmp_path):
     spoiled("every third row", 1).save(tmp_path / "log.csv", {"y": "mm"})
     status, output, said = gantrysim_command(

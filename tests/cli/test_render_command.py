@@ -109,6 +109,7 @@ def test_at_draws_one_picture(gantrysim_command, folder):
         np.testing.assert_array_equal(np.asarray(Image.open(folder / "b.png")), film.frame(film.end))
 
 
+@pytest.mark.soak
 def test_two_runs_become_a_comparison_beside_their_folders(gantrysim_command, folder, no_simulation):
     runs = folder / "slow", folder / "fast"
     status, printed, errors = gantrysim_command("render", *runs, "--size", "640x320", "--at", "0.5")
@@ -123,6 +124,7 @@ def test_two_runs_become_a_comparison_beside_their_folders(gantrysim_command, fo
     assert not list(folder.glob("*/render*"))
 
 
+@pytest.mark.soak
 def test_a_comparison_of_the_current_folder_is_written_beside_it(gantrysim_command, folder, monkeypatch):
     monkeypatch.chdir(folder / "slow")
     arguments = ("--size", "480x240", "--at", "0.2", "--label", "one", "--label", "two")
@@ -179,6 +181,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(gantrysim_command, folder,
     assert (names(folder), names(slow)) == before
 
 
+@pytest.mark.soak
 def test_the_poster_is_the_last_frame_and_a_gif_a_film(gantrysim_command, folder):
     status, printed, _ = gantrysim_command("render", folder / "slow", *SMALLEST, "--poster")
     assert (status, printed) == (0, f"written to {folder}/slow/render.png: picture\n")

@@ -11,6 +11,7 @@ import pytest
 
 from gantrysim.cli.start import last_words
 
+from support.soaked import suite_runs
 from support.studies import SHORT
 
 COMMANDS = {
@@ -60,7 +61,7 @@ def test_the_package_leaves_the_signals_of_a_program_that_imports_it():
 
 @pytest.mark.parametrize(
     ("level", "arguments", "is_told"),
-    [("1", ("info", "keys"), False), ("2", ("run", "--help"), True)],
+    suite_runs([("1", ("info", "keys"), False), ("2", ("run", "--help"), True)], 1),
 )
 def test_without_docstrings_the_command_states_why_descriptions_are_missing(level, arguments, is_told):
     said = "descriptions of commands and keys are missing: Python drops them under PYTHONOPTIMIZE=2 and -OO\n"
@@ -71,13 +72,16 @@ def test_without_docstrings_the_command_states_why_descriptions_are_missing(leve
     assert "servo.law" in done.stdout or "Usage" in done.stdout
 
 
-def test_neither_the_command_nor_its_workers_import_from_the_working_folder(tmp_path):
+@pytest.mark.parametrize(
+    "arguments", suite_runs([["info", "machines"], ["study", "repeat", "an225", "--repeats", "2", "--workers", "2"]], 0)
+)
+def test_neither_the_command_nor_its_workers_import_from_the_working_folder(tmp_path, arguments):
     trap = f"open({str(tmp_path / 'imported')!r}, 'a').write(__name__)\nraise SystemExit\n"
     for name in ("numpy", "joblib", "cloudpickle", "matplotlib", "mujoco", "typer", "scipy", "json"):
         (tmp_path / f"{name}.py").write_text(trap)
-    settings = [word for setting in SHORT for word in ("--set", setting)]
-    command = [COMMANDS["script"][0], "study", "repeat", "an225", *settings, "--repeats", "2", "--workers", "2"]
-    done = subprocess.run([*command, "--out", "out"], cwd=tmp_path, capture_output=True, text=True)
+    if arguments[0] == "study":
+        arguments = [*arguments, *(word for setting in SHORT for word in ("--set", setting)), "--out", "out"]
+    done = subprocess.run([COMMANDS["script"][0], *arguments], cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert not (tmp_path / "imported").exists()
 

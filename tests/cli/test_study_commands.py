@@ -91,6 +91,7 @@ def test_machine_by_command(gantrysim_command, tmp_path):
     }
 
 
+@pytest.mark.drawn
 def test_repeat_by_command(gantrysim_command, tmp_path):
     out = tmp_path / "out"
     status, printed, _ = gantrysim_command("study", "repeat", *SMALL, "--repeats", 2, "--friction", 0, "--out", out)

@@ -55,6 +55,7 @@ def test_a_tuned_job_runs_with_the_tuned_servo(gantrysim_command, tmp_path, file
     assert (tmp_path / "b" / "summary.json").read_bytes() == (tmp_path / "a" / "summary.json").read_bytes()
 
 
+@pytest.mark.soak
 def test_another_search_with_other_settings_replaces_the_folder(gantrysim_command, tmp_path, file):
     few = ("--budget", 4, "--robust", 0, "--unseen", 1, "--workers", 1, "--out", tmp_path / "a")
     assert gantrysim_command("tune", file, *few)[0] == 0

@@ -12,6 +12,8 @@ from gantrysim.cli.show import show_section
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.report import change_section
 
+from support.soaked import suite_runs
+
 WIDTHS = (120, 80, 40)
 WIDE = 1000
 RULES = set("│┃─━┏┓┗┛┡┩└┘├┤┼╇┳┻┬┴┝┥╈╉╊╋")
@@ -75,7 +77,7 @@ def command(gantrysim_command, monkeypatch, small, tmp_path):
     return run
 
 
-@pytest.mark.parametrize("arguments", [RUN, ("check", "an225")], ids=["run", "check"])
+@pytest.mark.parametrize("arguments", suite_runs([(RUN,), (("check", "an225"),)], 0), ids=["run", "check"])
 def test_a_command_loses_nothing_in_a_narrow_terminal(command, arguments):
     everything = command(WIDE, *arguments)
     for width in WIDTHS:
@@ -94,6 +96,7 @@ def improvement():
     return improve(Job.load("an225", SMALL), levers=names, fastest=False)
 
 
+@pytest.mark.soak
 def test_the_levers_of_improve_lose_nothing(improvement, monkeypatch, capsys):
     def show(width):
         monkeypatch.setenv("COLUMNS", str(width))
@@ -111,7 +114,7 @@ def test_the_levers_of_improve_lose_nothing(improvement, monkeypatch, capsys):
             assert widest(prose) <= width
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", suite_runs(list(KINDS), 0, 2, 4))
 def test_the_tables_of_info_lose_nothing(printed, name):
     for table in KINDS[name].tables():
         everything = printed(table, WIDE)

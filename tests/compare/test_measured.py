@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
@@ -26,6 +26,7 @@ from gantrysim.tables.reading import read_table
 
 from support.compared import circle_job
 from support.jobs import job_run
+from support.soaked import examples, suite_runs
 
 FOUND_SHIFT = 0.1  # of a sample
 FOUND_PLACE = 1e-4  # [mm]
@@ -59,7 +60,7 @@ def logged(run, link, rate, late=0.0, moved=0.0, turn=0.0, noise=0.0, seed=1):
     turn=st.one_of(st.just(0.0), st.floats(-179, 179)),
     link=st.sampled_from(["commanded", "encoder", "nozzle"]),
 )
-@settings(max_examples=15)
+@examples(15)
 def test_shift_offset_and_turn_are_found_again(run, late, x, rate, turn, link):
     turn = turn if link == "nozzle" else 0.0
     time, positions = logged(run, link, rate, late, x, turn, noise=1e-3)
@@ -211,6 +212,7 @@ def test_samples_have_one_rate_within_a_hundredth_of_their_period(off, even):
     assert evenly(time) == even
 
 
+@pytest.mark.soak
 def test_links_that_are_not_measured_have_no_share_in_either_budget(run):
     encoder = Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE)
     assert list(encoder.parts) == ["servo"]
@@ -325,6 +327,7 @@ def test_a_turning_work_piece_is_compared_in_degrees_and_millimetres():
     assert found.alignment.residual == pytest.approx(1e-3, rel=0.1)
 
 
+@pytest.mark.soak
 def test_a_machine_that_lags_by_a_time_constant_runs_a_circle_too_small(tmp_path, circle):
     # another program: a first-order lag behind the command, stepped at 10 kHz, logged in metres and milliseconds
     radius, omega, tau, step = 40.0, 2.5, 0.02, 1e-4
@@ -359,6 +362,7 @@ def circle_test():
     return CircleStudy(radius=30.0, speed=100.0)
 
 
+@pytest.mark.soak
 def test_a_measured_circle_has_the_values_of_the_circular_test(circle_test):
     run = circle_test.job.run()
     trace = Trace(run.time + 2.0, {"commanded": run.commanded, "encoder": run.encoder}, run.nozzle)
@@ -386,7 +390,7 @@ def test_a_measured_circle_has_the_values_of_the_circular_test(circle_test):
     late=st.floats(-5, 5),
     link=st.sampled_from(["commanded", "encoder", "nozzle"]),
 )
-@settings(max_examples=10)
+@examples(10)
 def test_a_trace_of_a_part_is_found_along_the_run_and_compared_there(run, begin, share, late, link):
     """Its budget is that of the whole run at the same ticks."""
     time, positions = logged(run, link, 1 / run.period, late, 7.0, noise=1e-3)
@@ -440,6 +444,7 @@ def test_traces_that_cannot_be_compared_are_refused(run):
             aligned_trace(Trace(factor * run.time, {"encoder": run.encoder}, None), run)
 
 
+@pytest.mark.drawn
 def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_command):
     folder = tmp_path / "out"
     assert (
@@ -472,11 +477,14 @@ def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_com
 
 @pytest.mark.parametrize(
     ("order", "signs", "words"),
-    [
-        ([1, 0], (1, 1), "with x and y swapped:"),
-        ([0, 1], (-1, 1), "with x mirrored:"),
-        ([1, 0], (1, -1), "with x and y swapped, x mirrored:"),
-    ],
+    suite_runs(
+        [
+            ([1, 0], (1, 1), "with x and y swapped:"),
+            ([0, 1], (-1, 1), "with x mirrored:"),
+            ([1, 0], (1, -1), "with x and y swapped, x mirrored:"),
+        ],
+        2,
+    ),
 )
 def test_swapped_and_mirrored_axes_are_named(run, order, signs, words):
     time, encoder = logged(run, "encoder", 1000.0, 0.3, 5.0, noise=1e-3)
@@ -508,7 +516,7 @@ def test_a_wrong_scale_and_a_wrong_clock_are_named(run):
         notes(time, encoder / 25.4)
 
 
-@pytest.mark.parametrize(("factor", "refused"), [(1e3, True), (2.1, True), (1.9, False)])
+@pytest.mark.parametrize(("factor", "refused"), suite_runs([(1e3, True), (2.1, True), (1.9, False)], 1))
 def test_a_trace_far_wider_than_the_run_is_in_another_unit(run, factor, refused):
     time, nozzle = logged(run, "nozzle", 1000.0)
     trace = Trace(time, {}, nozzle * (1.0, factor, 1.0))

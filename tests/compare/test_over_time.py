@@ -44,6 +44,7 @@ def rms(values):
     return float(np.sqrt(np.mean(values**2)))
 
 
+@pytest.mark.soak
 @pytest.mark.validates(
     "following error and torque over time, of a machine with twice the friction",
     "difference of the two records, tick by tick",

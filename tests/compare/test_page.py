@@ -14,6 +14,7 @@ from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import draw_overlay, write_comparison_page
 from gantrysim.report.plots.style import COLOURS
 
+from support.blank_pictures import save_blank
 from support.jobs import job_run
 from support.pages import Page
 
@@ -118,6 +119,7 @@ def test_a_curve_of_the_overlay_is_the_known_difference(found, page):
     assert np.polyfit(expected, points[:, 1], 1)[0] < 0  # an SVG counts downwards
 
 
+@pytest.mark.soak
 def test_frequencies_that_the_model_lacks_are_named(tmp_path):
     run = job_run("fanuc-spiral")
     nozzle = run.nozzle + 0.01 * np.sin(2 * np.pi * 87.0 * run.time)[:, None] * [1, 1, 0]
@@ -131,7 +133,8 @@ def test_frequencies_that_the_model_lacks_are_named(tmp_path):
     assert "Circular test" not in page.text
 
 
-def test_a_model_that_explains_nothing_and_one_that_explains_all(tmp_path):
+def test_a_model_that_explains_nothing_and_one_that_explains_all(tmp_path, monkeypatch):
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
     run = job_run("fanuc-spiral")
     exact = Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE)
     far = Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE)
@@ -147,6 +150,7 @@ def test_a_model_that_explains_nothing_and_one_that_explains_all(tmp_path):
     assert "explains none (" in told[1]
 
 
+@pytest.mark.soak
 def test_errors_of_the_geometry_belong_to_structure_on_both_sides():
     job = Job.load("fanuc-spiral", ["accuracy=C7"])
     run = job.run()

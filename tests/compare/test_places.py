@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Budget, InputError, Job, Machine
@@ -23,6 +23,7 @@ from gantrysim.compare.vertices import noise_of
 
 from support.compared import circle_job
 from support.jobs import job_run
+from support.soaked import examples, suite_runs
 
 MACHINE = Machine("xy")
 FEED = 50.0  # [mm/s]
@@ -120,7 +121,7 @@ SPEEDS = {
 }
 
 
-@pytest.mark.parametrize("turn", [-8.0, 5.0])
+@pytest.mark.parametrize("turn", suite_runs([-8.0, 5.0], 0))
 def test_a_trace_that_is_turned_far_is_laid_on_the_run_anew(run, turn):
     """Places found on the path as it was not turned bend offset and turn: once by tens of micrometres."""
     comparison, true = compared(run, feed=0.9, turn=turn, offset=(100.0, 40.0))
@@ -148,7 +149,9 @@ def test_a_part_that_lies_across_is_found_by_its_turn():
     "1 µm",
 )
 @pytest.mark.parametrize("name", SPEEDS)
-@pytest.mark.parametrize("place", [{}, {"offset": (0.03, 0.0), "noise": 0.0005}, {"offset": (12.0, -5.0), "turn": 0.4}])
+@pytest.mark.parametrize(
+    "place", suite_runs([{}, {"offset": (0.03, 0.0), "noise": 0.0005}, {"offset": (12.0, -5.0), "turn": 0.4}], 2)
+)
 def test_another_speed_is_no_contour_error_and_no_offset(run, name, place):
     comparison, true = compared(run, **SPEEDS[name], **place)
     measured = comparison.measured.values.contour.rms
@@ -173,7 +176,7 @@ def test_at_equal_times_another_feed_is_a_contour_error():
     assert comparison.measured.values.contour.rms > 0.05 > 10 * true
 
 
-@pytest.mark.parametrize("ppm", [0.0, 30.0, -150.0, 800.0])
+@pytest.mark.parametrize("ppm", suite_runs([0.0, 30.0, -150.0, 800.0], 0, 1))
 def test_a_clock_is_claimed_where_it_differs(run, ppm):
     # on the run's own way, of which the clock alone differs
     comparison, true = compared(run, clock=1e-6 * ppm, noise=1e-3, at=(run.time, run.progress))
@@ -184,7 +187,7 @@ def test_a_clock_is_claimed_where_it_differs(run, ppm):
     assert comparison.measured.values.contour.rms == pytest.approx(math.hypot(true, 1e-3), abs=1e-3)
 
 
-@pytest.mark.parametrize("seed_noise", [1e-3, 4e-3])
+@pytest.mark.parametrize("seed_noise", suite_runs([1e-3, 4e-3], 0))
 def test_noise_comes_back_as_noise(run, seed_noise):
     comparison, _ = compared(run, noise=seed_noise, offset=(0.03, 0.0))
     alignment = comparison.alignment
@@ -195,6 +198,7 @@ def test_noise_comes_back_as_noise(run, seed_noise):
     assert alignment.estimates["nozzle x"].interval < 1e-3
 
 
+@pytest.mark.soak
 def test_intervals_hold_the_true_values_of_most_traces(run):
     """Of 95 % intervals of white noise, in 20 traces, at least nine tenths hold the offset; few claim one of zero."""
     time, points, _ = trace()
@@ -251,7 +255,7 @@ def test_no_difference_is_left_only_where_everything_is_measured_and_agrees(run)
     assert json.dumps(same.summary(), allow_nan=False)
 
 
-@pytest.mark.parametrize("link", ["nozzle", "encoder", "commanded"])
+@pytest.mark.parametrize("link", suite_runs(["nozzle", "encoder", "commanded"], 0))
 def test_a_program_run_at_another_feed_has_its_own_contour_error(link):
     """A simulated machine instead of a closed form: its error is that of its own budget."""
     job = Job.load("fanuc-spiral")
@@ -270,7 +274,7 @@ def test_a_program_run_at_another_feed_has_its_own_contour_error(link):
     assert offset[1] == pytest.approx(0.0, abs=1e-3)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(
     st.integers(8, 400),
     st.sampled_from(["constant", "noise", "walk", "two places", "spike", "line"]),

@@ -3,7 +3,7 @@
 import ast
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
@@ -11,6 +11,8 @@ from gantrysim.controllers.basic.code import STATEMENT, Assembler, ForLoop, Fram
 from gantrysim.controllers.basic.operators import Operators, RankedOperator, of_values
 from gantrysim.controllers.basic.statements import Statements, with_keywords
 from gantrysim.controllers.basic.tasks import MOST_PER_TICK, Scheduler, StatementClock, Task
+
+from support.soaked import examples
 
 PERIOD = 1e-3
 
@@ -48,7 +50,7 @@ class Operand:
         self.text = text
 
 
-@settings(max_examples=300, deadline=None)
+@examples(300)
 @given(
     st.lists(
         st.tuples(st.lists(st.sampled_from("~-+"), max_size=3), st.sampled_from(sorted(RANKS))),

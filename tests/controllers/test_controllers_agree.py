@@ -11,11 +11,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.controllers import fanuc, softmc
 from gantrysim.controllers.trio import MoveSpiral
+
+from support.soaked import examples
 
 POSITION = 1e-8  # [mm]
 TICK = 1e-3  # [s]
@@ -63,7 +65,7 @@ spirals = st.tuples(st.floats(20, 200), st.integers(1, 6), st.floats(0.1, 0.95))
 
 
 @given(spirals)
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_trios_continuous_limit_less_fanucs_block_is_a_times_minus_sin_and_one_less_cos(spiral):
     """At the same angle both have the same rho: p - q = a (-sin(phi), 1 - cos(phi)), at most 2 a = pitch / pi."""
     radius, pitch, turns = spiral
@@ -131,7 +133,7 @@ def test_a_small_loop_period_deviates_from_the_continuous_limit_by_a_radius_step
 
 
 @given(spirals)
-@settings(max_examples=12, deadline=None)
+@examples(12)
 def test_two_centred_half_circles_meet_archimedes_at_every_half_turn_and_bulge_in_between(spiral):
     """Half circles of the radii R - pitch/4 - k pitch/2 about (R -+ pitch/4, 0) begin and end on Archimedes' spiral.
 
@@ -170,7 +172,7 @@ def test_two_centred_half_circles_meet_archimedes_at_every_half_turn_and_bulge_i
 
 
 @given(spirals)
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_two_centred_half_circles_are_exactly_as_long_as_the_involute(spiral):
     """pi sum (R - pitch/4 - k pitch/2) over 2 n half turns is 2 pi n R - pi n^2 pitch = R phi - a phi^2 / 2."""
     ours = trio(*spiral, loop_period=0).requested.length
@@ -190,6 +192,7 @@ def test_the_involute_and_two_centred_half_circles_differ_by_no_more_than_both_b
     assert ours[-1] == pytest.approx(theirs[-1, :2], abs=POSITION)
 
 
+@pytest.mark.soak
 def test_the_pitch_of_all_three_along_a_ray_through_the_centre():
     """10 mm on every ray for the two about (60, 0), and for the involute along its own normals."""
     for program in (block(60, 10, 4), half_circles(60, 10, 4)):

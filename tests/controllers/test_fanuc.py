@@ -5,11 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.controllers.fanuc import Alarm, Arc, Line, Program, Rapid, Spiral
 from gantrysim.job.job import Job
+
+from support.soaked import examples
 
 TABLE = 5e-4  # of the oracle table's lengths [mm]
 POSITION = 1e-8  # [mm]
@@ -121,7 +123,7 @@ def test_q_and_height_per_turn_that_disagree_are_over_the_tolerance():
 
 
 @given(st.floats(5, 200), st.floats(5, 200), st.integers(0, 6), st.floats(0.01, 1), st.booleans(), st.floats(-3.1, 3.1))
-@settings(max_examples=80, deadline=None)
+@examples(80)
 def test_q_finds_the_turns_it_was_made_of(first, last, whole, part, clockwise, begin):
     """The end of a spiral of so many turns, whole ones included, as an operator would compute it."""
     part = 1.0 if part > 0.99 else part
@@ -244,14 +246,14 @@ def turned(turn, shift, **parameters):
 
 
 @given(st.floats(-math.pi, math.pi), st.complex_numbers(max_magnitude=100))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_turned_and_shifted_programs_give_turned_and_shifted_setpoints(angle, shift):
     turn = cmath.rect(1, angle)
     assert turned(turn, shift) == pytest.approx(turned(1, 0) * turn + shift, abs=1e-6)
 
 
 @given(st.complex_numbers(max_magnitude=100))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_shifted_programs_of_limited_acceleration_give_shifted_setpoints(shift):
     assert turned(1, shift, acceleration=1000) == pytest.approx(turned(1, 0, acceleration=1000) + shift, abs=1e-4)
 

@@ -4,10 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.controllers.fanuc import Arc, Line, Program, Spiral
+
+from support.soaked import examples
 
 PERIOD = 1e-3
 OVER = 5e-3  # relative, by which a second difference may pass the limit between the places looked at
@@ -126,7 +128,7 @@ def contours(draw):
     "5e-3 relative",
 )
 @given(contours(), st.floats(200, 5000), st.integers(2, 60))
-@settings(max_examples=80, deadline=None)
+@examples(80)
 def test_axes_keep_to_their_limits_over_random_contours(blocks, acceleration, window):
     made = Program(blocks, acceleration=acceleration, blend_time=window * PERIOD)
     if made.duration > 60:

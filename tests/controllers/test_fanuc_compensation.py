@@ -5,10 +5,12 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.controllers.fanuc import Alarm, Program
+
+from support.soaked import examples
 
 POSITION = 1e-8  # [mm]
 JOINT = 1e-6  # [mm], between the end of a piece and the start of the next
@@ -208,7 +210,7 @@ def test_a_zero_offset_has_no_effect():
 
 
 @given(st.lists(st.floats(0.1, 0.9), min_size=2, max_size=12), st.floats(0.1, 3), st.booleans())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_beside_a_convex_outline_every_point_is_as_far_as_the_offset_or_further(turns, d, left):
     """Against the distance to the programmed path itself."""
     heading, place, words = 0.0, 0j, []
@@ -242,6 +244,7 @@ def test_compensation_in_the_other_planes_is_that_of_the_first_with_axes_permute
     )
 
 
+@pytest.mark.soak
 def test_the_time_to_offset_grows_with_the_program_alone():
     def seconds(n):
         angle = np.linspace(0, 6, n)

@@ -4,11 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc import Arc, Line, Program, Spiral
+
+from support.soaked import examples
 
 PERIOD = 1e-3
 OVER = 2e-3  # relative, between the places looked at
@@ -103,7 +105,7 @@ def programs(draw):
 
 
 @given(programs(), st.floats(50, 500), st.floats(100, 5000), st.sampled_from([0.0, 0.03]))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_the_rotary_axis_never_passes_its_limits(blocks, fastest, steepest, blend_time):
     made = Program(
         blocks, acceleration=3000, blend_time=blend_time, rotary_velocity=fastest, rotary_acceleration=steepest

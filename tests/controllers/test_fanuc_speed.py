@@ -5,11 +5,13 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc import Arc, Clamp, Dwell, Line, Program, Rapid, Spiral
+
+from support.soaked import examples
 
 FEED = 1e-6  # relative, of a constant feed
 STEEP = 1e-5  # the same of cones of a few mm that rise as much, where F counts in the plane
@@ -170,7 +172,7 @@ def programs(draw):
 
 
 @given(programs(), st.booleans())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_no_setpoint_is_ahead_of_the_feed(blocks, in_space):
     made = Program(blocks, feed_in_space=in_space, rapid=9000)
     steps = np.linalg.norm(np.diff(made.setpoints(0.002).position[:, :2], axis=0), axis=1) / 0.002
@@ -179,7 +181,7 @@ def test_no_setpoint_is_ahead_of_the_feed(blocks, in_space):
 
 
 @given(programs(), st.floats(200, 5000))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_axes_keep_to_their_accelerations(blocks, acceleration):
     """Stops and ramps keep every axis within it; a tangent joint, as an arc's, does too."""
     made = Program(blocks, acceleration=acceleration, rapid=9000)
@@ -217,7 +219,7 @@ def test_dry_run_down_from_a_higher_feed_slows_without_stopping():
 
 
 @given(st.floats(0.05, 2.5), st.sampled_from([200.0, 5000.0, 30000.0]), st.sampled_from([0.0, 0.02]))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_dry_run_switched_on_at_any_moment_keeps_the_stops_and_the_acceleration(moment, feed, blend):
     text = "G01 X40 Y140 F20000\nG02 X80 Y100 I0 J-40\nG01 X0 Y100\nG02 X0 Y60 I0 J-60 L2\nG01 X5"
     made = program(
@@ -325,6 +327,7 @@ def test_the_rotary_axis_alone_turns_at_the_feed():
     assert made.duration == pytest.approx(1 + 9)
 
 
+@pytest.mark.soak
 def test_the_time_to_make_setpoints_grows_with_the_program_alone():
     def seconds(n):
         text = "F6000\n" + "\n".join(f"G01 X{k % 7} Y{k % 5}" for k in range(1, n + 1))

@@ -5,13 +5,15 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.slicer import Program
 from gantrysim.glue.dispenser.command import Material
+
+from support.soaked import examples
 
 SIDE = 40.0  # of the square [mm]
 FEED = 50.0  # [mm/s]
@@ -288,7 +290,7 @@ def test_the_amounts_of_e_are_those_of_the_lines(text, told):
     assert Program(text=f"M83\n{text}").notes[-1] == told
 
 
-@settings(max_examples=25)
+@examples(25)
 @example([(0.0625, 0.03125, 3613.0)], 1e-3, True)
 @example([(0.25, 0.0, 1200.0)], 2.5e-4, True)
 @given(

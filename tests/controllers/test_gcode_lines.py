@@ -1,11 +1,13 @@
 """Lines of G-code: the short way for lines of nothing but words reads what the general ways read."""
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.lines import LONGEST, compact, plain_line, plain_words, read_firmware
+
+from support.soaked import examples
 
 NUMBERS = st.from_regex(r"[-+]?([0-9]{1,3}(\.[0-9]{0,4})?|\.[0-9]{1,3})", fullmatch=True)
 WORDS = st.tuples(st.sampled_from("GXYZEFIJMNOT"), NUMBERS, st.sampled_from(["", " ", "\t", "  "])).map("".join)
@@ -19,7 +21,7 @@ SPOILED = st.tuples(LINES, st.sampled_from(list(";()*/%$ \x1c\u00a0\u0661.-+#[]e
 @example(line="X1;Y2")
 @example(line="X1Y")
 @example(line="X1 " * LONGEST)
-@settings(max_examples=500, deadline=None)
+@examples(500)
 def test_the_short_way_reads_what_the_general_ways_read(line):
     words = plain_line(line)
     if words is None:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
@@ -16,6 +16,8 @@ from gantrysim.paths.chain import Chain
 from gantrysim.paths.kinds import path_of
 from gantrysim.paths.pieces import XY, YZ, ZX, Coil, Line
 from gantrysim.paths.track import Track
+
+from support.soaked import examples, suite_runs
 
 A = 500.0  # acceleration of every test [mm/s²]
 PERIOD = 1e-3
@@ -179,7 +181,7 @@ def test_exact_stops_take_the_time_of_their_pieces():
     assert program(lines(points, "G61.1")).duration == pytest.approx(200 * 2 * math.sqrt(0.1 / A))
 
 
-@pytest.mark.parametrize("head", ["G64 P0.01", "G64"])
+@pytest.mark.parametrize("head", suite_runs(["G64 P0.01", "G64"], 0))
 def test_thousands_of_tenths_of_a_millimetre_keep_the_feed(head):
     angles = np.arange(1, 6001) * 0.1 / 60
     points = [(60 * math.sin(a), 60 - 60 * math.cos(a)) for a in angles]
@@ -198,7 +200,7 @@ def test_thousands_of_tenths_of_a_millimetre_keep_the_feed(head):
     st.sampled_from(["G64 P0.02", "G64 P0.5", "G64"]),
     st.sampled_from([600, 6000, 60000]),
 )
-@settings(max_examples=60)
+@examples(60)
 def test_axes_keep_their_acceleration_where_corners_are_rounded(points, head, feed):
     points = [(round(x, 3), round(y, 3)) for x, y in points]
     try:
@@ -305,7 +307,7 @@ def test_the_override_changes_feeds_but_not_rapid_moves():
     st.floats(0.1, 3),
     st.sampled_from(["G17 G2 X9 Y9 R20 Z3", "G18 G3 X9 Z4 R20", "G19 G2 Y9 R9"]),
 )
-@settings(max_examples=30)
+@examples(30)
 def test_a_placed_program_is_the_program_placed(turn, scale, arc):
     text = f"F600 G1 X1 Y2\n{arc}\nG17 G1 X0 Y0 Z0"
     placement = Placement(x=3.0, y=-4.0, rotate=turn, scale=scale)
@@ -346,7 +348,7 @@ _MOVE = st.one_of(
 
 
 @given(st.lists(_MOVE, min_size=1, max_size=15))
-@settings(max_examples=100)
+@examples(100)
 def test_every_program_is_run_without_a_jump_from_its_start_to_its_end(rows):
     controller = program("F1200\n" + "\n".join(rows), rapid=6000)
     try:

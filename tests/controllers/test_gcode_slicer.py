@@ -108,6 +108,7 @@ def test_a_corner_tolerance_must_be_positive():
         Program(text="", corner_tolerance=0.0)
 
 
+@pytest.mark.soak
 def test_a_hundred_thousand_lines_are_planned_in_seconds():
     text = circle(100_000)
     assert Program(text=circle(10)).duration > 0  # compiled
@@ -118,6 +119,7 @@ def test_a_hundred_thousand_lines_are_planned_in_seconds():
     assert time.process_time() - begun < 10  # 3 s on two shared cores
 
 
+@pytest.mark.soak
 def test_memory_grows_by_few_numbers_per_line():
     def peak(count):
         text = circle(count)

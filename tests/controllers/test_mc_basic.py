@@ -3,12 +3,14 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.softmc import Basic
 from gantrysim.job.programs import build
+
+from support.soaked import examples
 
 MOVES = "\nmove {0, 0}\nmove {10, 0}\n"
 
@@ -63,7 +65,7 @@ def test_an_expression_has_its_value(expression, expected):
     assert shown(expression) == expected
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(a=st.floats(-1e6, 1e6), b=st.floats(-1e3, 1e3), c=st.integers(-50, 50))
 def test_arithmetic_is_that_of_doubles(a, b, c):
     value = a + b * c - (a - b) * 2

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Servo, simulate
@@ -16,6 +16,7 @@ from gantrysim.controllers.softmc import Basic, Group, Program
 from gantrysim.controllers.softmc.stream import Leg, Rest
 
 from support.runs import PERIOD
+from support.soaked import examples
 
 # Eight half circles about two centres in turn, each 5 mm higher, from (25, 0, 0).
 BOWL = """
@@ -288,7 +289,7 @@ def test_the_speed_changes_by_the_override():
     assert [leg.profile.speed for leg in legs(faster)] == [20, 80]
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(
     x=st.floats(-50, 50),
     y=st.floats(-50, 50),

@@ -2,16 +2,18 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.controllers.placement import Placement
+
+from support.soaked import examples
 
 numbers = st.floats(-1e3, 1e3) | st.sampled_from([0.0, -0.0])
 
 
 @given(st.lists(st.tuples(numbers, numbers, numbers), min_size=1, max_size=4), st.tuples(numbers, numbers, numbers))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_a_whole_turn_moves_no_point_and_a_shift_all_alike(points, shift):
     x, y, z = shift
     shifted = Placement(x, y, z=z).point(points)
@@ -29,7 +31,7 @@ def test_each_of_turn_scale_and_depth_counts(changed):
 
 
 @given(st.tuples(numbers, numbers, numbers), st.tuples(numbers, numbers, numbers), st.sampled_from([0.0, 33.0]))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_a_single_point_lies_where_an_array_of_it_does(point, shift, rotate):
     x, y, z = shift
     placement = Placement(x, y, rotate, z=z)

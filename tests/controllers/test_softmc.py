@@ -4,10 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gantrysim.controllers.softmc import Circle, Group, Move, Program
+
+from support.soaked import examples
 
 POSITION = 1e-9  # of points some hundred millimetres from the origin [mm]
 PERIOD = 1e-3
@@ -139,7 +141,7 @@ def test_omitted_coordinates_stay():
 
 
 @given(points, st.data())
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_a_circle_keeps_its_distance_and_turns_and_climbs_evenly(start, data):
     circle = data.draw(arcs(start))
     path = Program([circle], start=start).requested
@@ -163,7 +165,7 @@ def test_several_turns_are_as_many_circles():
 
 
 @given(points, st.data(), st.sampled_from([(1, (0, 2, 1)), (2, (1, 2, 0))]))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_planes_are_the_xy_plane_with_its_axes_exchanged(start, data, plane):
     number, order = plane
     circle = data.draw(arcs(start))
@@ -181,7 +183,7 @@ def test_planes_are_the_xy_plane_with_its_axes_exchanged(start, data, plane):
 
 
 @given(points, points, points)
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_a_circle_through_points_passes_them_in_their_plane(start, via, target):
     h, v, t = map(np.array, (start, via, target))
     sides = [np.linalg.norm(v - h), np.linalg.norm(t - h), np.linalg.norm(t - v)]
@@ -199,7 +201,7 @@ def test_a_circle_through_points_passes_them_in_their_plane(start, via, target):
 
 
 @given(st.lists(points, min_size=1, max_size=4), points, st.floats(-180, 180), points)
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_a_program_moved_and_turned_moves_and_turns_the_setpoints(targets, start, degrees, shift):
     turn, c, s = np.eye(3), math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     turn[:2, :2] = [[c, -s], [s, c]]
@@ -223,7 +225,7 @@ def test_a_program_moved_and_turned_moves_and_turns_the_setpoints(targets, start
 
 
 @given(points, st.data())
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_incremental_coordinates_are_relative_to_the_start_of_the_command(start, data):
     circle = data.draw(arcs(start))
     first = Program([circle, Move((5, 6, 7))], GROUP, start)

@@ -5,10 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.controllers.softmc import Circle, Group, Move, Program
+
+from support.soaked import examples
 
 PERIOD = 1e-3
 CRUISE = 1e-6  # of the path speed
@@ -149,7 +151,7 @@ def _direction(draw):
 
 
 @given(programs())
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_velocity_acceleration_and_jerk_stay_within_their_limits(program):
     group, way = program.group, ways(program)
     rounding = 4e-13 * (1 + way[-1])
@@ -163,7 +165,7 @@ def test_velocity_acceleration_and_jerk_stay_within_their_limits(program):
 
 
 @given(programs())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_the_cruise_speed_is_the_commanded_one(program):
     way = np.diff(ways(program)) / PERIOD
     first = 0

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.controllers.stage import OutlineTrace
@@ -28,6 +28,7 @@ from support.outlines import (
     turned,
     velocities,
 )
+from support.soaked import examples, suite_runs
 
 
 @pytest.mark.validates(
@@ -97,7 +98,9 @@ def test_the_middle_of_the_first_corner():
     assert trace.coordinates(s)[0] == pytest.approx([45, 94.3503, -114.3503], abs=TABLE)
 
 
-@pytest.mark.parametrize(("pieces", "error", "figure"), [(1, 55.650, 5e-4), (9, 0.7230, 5e-5), (90, 0.00723, 5e-6)])
+@pytest.mark.parametrize(
+    ("pieces", "error", "figure"), suite_runs([(1, 55.650, 5e-4), (9, 0.7230, 5e-5), (90, 0.00723, 5e-6)], 1)
+)
 def test_the_notes_errors_of_linear_corner_interpolation(pieces, error, figure):
     """rho (1 - cos(pi / 4 N)), the chord's distance from the arc."""
     trace = OutlineTrace(corner_pieces=pieces)
@@ -120,7 +123,7 @@ def test_an_inner_corner_deviates_more_from_its_arc():
 
 
 @given(traces(), st.integers(1, 12))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_linear_corners_deviate_as_noted(job, pieces):
     """Convex and concave corners have arcs of other radii, |K - C - r n_K| and |K - C + r n_K|."""
     trace, exact = OutlineTrace(**job, corner_pieces=pieces), OutlineTrace(**job)
@@ -136,7 +139,7 @@ def test_linear_corners_deviate_as_noted(job, pieces):
 
 
 @given(traces())
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_the_needle_runs_along_the_outline_at_lsp_with_the_normal_on_n_k(job):
     trace, oracle = OutlineTrace(**job), Rounded(job["corners"], job["corner_radius"])
     assert trace.requested.length == pytest.approx(oracle.length, rel=1e-12)
@@ -160,7 +163,7 @@ def test_the_needle_runs_along_the_outline_at_lsp_with_the_normal_on_n_k(job):
 
 
 @given(traces())
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_the_needles_speed_relative_to_the_work_is_lsp_all_the_way_round(job):
     """Chords of the commanded positions on the work, those over the joints of edges and arcs left out."""
     trace, oracle = OutlineTrace(**job), Rounded(job["corners"], job["corner_radius"])
@@ -190,7 +193,7 @@ def test_a_rectangle_may_be_run_in_both_senses(clockwise, sigma):
 
 
 @given(traces(), st.floats(0, 1))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_with_the_rotation_about_the_corners_centre_the_stage_stands_still_in_it(job, share):
     """C = K - r n_K: so for the corners that turn as the outline does; an inner corner needs C = K + r n_K."""
     oracle = Rounded(job["corners"], job["corner_radius"])
@@ -206,7 +209,7 @@ def test_with_the_rotation_about_the_corners_centre_the_stage_stands_still_in_it
 
 
 @given(traces(), place, st.floats(-math.pi, math.pi))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_a_moved_or_turned_set_up_moves_or_turns_the_setpoints(job, shift, angle):
     base = OutlineTrace(**job)
     s = np.linspace(0, base.requested.length, 301)

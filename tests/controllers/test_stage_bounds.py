@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.stage import OutlineTrace
 
 from support.outlines import POSITION, RECTANGLE, Rounded, on_the_work, traces
+from support.soaked import examples
 
 
 def test_the_extremes_of_the_travel_are_within_corners():
@@ -28,7 +29,7 @@ def test_the_extremes_of_the_travel_are_within_corners():
 
 
 @given(traces())
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_travel_limits_hold_for_the_extremes_of_any_outline(job):
     trace = OutlineTrace(**job)
     s = np.concatenate(

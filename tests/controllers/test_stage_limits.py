@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.controllers.stage import OutlineTrace
@@ -26,6 +26,7 @@ from support.outlines import (
     turned,
     velocities,
 )
+from support.soaked import examples
 
 LIMITS = [("velocity", 0, 150.0), ("velocity", 1, 150.0), ("velocity", 2, 90.0)]
 ACCELERATIONS = [("acceleration", 0, 900.0), ("acceleration", 1, 700.0), ("acceleration", 2, 400.0)]
@@ -59,7 +60,7 @@ def test_an_acceleration_limit_bites_and_holds(name, axis, limit, corners, blend
 
 
 @given(traces(), st.sampled_from([0.0, 0.2, 0.8]), st.data())
-@settings(max_examples=16, deadline=None)
+@examples(16)
 def test_all_limits_hold_together_whatever_the_set_up(job, blend, data):
     """With the needle on the outline all the while: the limits change when, not where."""
     oracle = Rounded(job["corners"], job["corner_radius"])
@@ -201,7 +202,7 @@ def test_blending_is_faster_than_stopping_and_leaves_the_needle_on_the_outline()
 
 
 @given(traces(), st.floats(0.05, 3))
-@settings(max_examples=24, deadline=None)
+@examples(24)
 def test_a_blended_normal_deviates_by_no_more_than_its_bound(job, share):
     """By w / 8 r where all corners turn one way, and by twice that where some turn the other.
 

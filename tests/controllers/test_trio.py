@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import metrics
@@ -17,6 +17,8 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.controllers.trio.loop import Loop
 from gantrysim.paths.spirals import Involute
+
+from support.soaked import examples, suite_runs
 
 POSITION = 1e-8  # after up to some thousand passes [mm]
 RELATIVE = 1e-10
@@ -172,7 +174,7 @@ def test_interpreter_time_moves_the_end(interpreter_time, end_x):
     assert end_of(spiral.generated)[0] == pytest.approx(end_x, abs=5e-4)
 
 
-@pytest.mark.parametrize("interpreter_time", [0.001, 0.005])
+@pytest.mark.parametrize("interpreter_time", suite_runs([0.001, 0.005], 0))
 def test_interpreter_time_shrinks_the_local_pitch(interpreter_time):
     """To first order thickness / (1 + d / (T x)), with x half a turn on: between the two turns."""
     spiral = note(interpreter_time=interpreter_time)
@@ -186,7 +188,7 @@ def test_interpreter_time_shrinks_the_local_pitch(interpreter_time):
 
 
 @given(jobs(interpreter=True))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_generated_path_is_that_of_the_event_loop(job):
     spiral, loop = MoveSpiral(**job), EventLoop(**job)
     assert spiral.change == pytest.approx(loop.change, rel=RELATIVE)
@@ -202,7 +204,7 @@ def test_generated_path_is_that_of_the_event_loop(job):
 
 
 @given(jobs(interpreter=True), st.floats(20, 300))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_setpoints_are_the_event_loop_seen_at_the_servo_period(job, ticks):
     spiral, loop = MoveSpiral(**job), EventLoop(**job)
     setpoints = spiral.setpoints(loop.times[-1] / ticks)
@@ -216,7 +218,7 @@ def test_setpoints_are_the_event_loop_seen_at_the_servo_period(job, ticks):
 
 
 @given(jobs(), st.floats(20, 2000))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_path_speed_of_the_setpoints_is_constant_but_for_the_last(job, ticks):
     spiral = MoveSpiral(**job)
     setpoints = spiral.setpoints(spiral.duration / ticks)
@@ -231,7 +233,7 @@ def test_path_speed_of_the_setpoints_is_constant_but_for_the_last(job, ticks):
 
 
 @given(jobs(interpreter=True))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_ratio_falls_by_the_change_and_stays_positive(job):
     spiral = MoveSpiral(**job)
     assert spiral.ratios[0] == pytest.approx(1 - spiral.change, abs=RELATIVE)
@@ -243,7 +245,7 @@ def test_ratio_falls_by_the_change_and_stays_positive(job):
 
 
 @given(jobs(), st.integers(1, 8))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_change_does_not_depend_on_the_number_of_turns(job, turns):
     job["thickness"] = job["diameter"] * 0.05
     job["loop_period"] = 0.01 * math.pi * job["diameter"] / job["speed"]  # a hundredth of a circle
@@ -253,7 +255,7 @@ def test_change_does_not_depend_on_the_number_of_turns(job, turns):
 
 
 @given(jobs())
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_generated_path_is_shorter_by_half_a_radius_step_a_radian(job):
     """Each pass runs at its end radius. Of the last pass only the fraction f of its arc is run."""
     spiral = MoveSpiral(**job)
@@ -266,7 +268,7 @@ def test_generated_path_is_shorter_by_half_a_radius_step_a_radian(job):
 
 
 @given(jobs())
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_counter_clockwise_is_mirrored_and_the_start_only_moves(job):
     there = MoveSpiral(**job).generated
     back = MoveSpiral(**{**job, "start": (0, 0), "clockwise": not job["clockwise"]}).generated

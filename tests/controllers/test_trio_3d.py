@@ -5,11 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
+
+from support.soaked import examples, suite_runs
 
 POSITION = 1e-8  # [mm]
 PLANE_SPEED = 1e-6  # relative, of the speed in the plane
@@ -73,7 +75,7 @@ def speeds(setpoints):
 
 
 @given(jobs())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_the_generated_path_is_that_of_three_virtual_axes(job):
     spiral = MoveSpiral(**job)
     place, z, time = pass_by_pass(spiral)
@@ -88,7 +90,7 @@ def test_the_generated_path_is_that_of_three_virtual_axes(job):
 
 
 @given(jobs(), st.floats(50, 300))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_setpoints_pass_the_joints_in_time_at_constant_speed_in_between(job, ticks):
     spiral = MoveSpiral(**job)
     place, z, time = pass_by_pass(spiral)
@@ -109,7 +111,7 @@ def test_setpoints_pass_the_joints_in_time_at_constant_speed_in_between(job, tic
     assert setpoints.requested is spiral.requested
 
 
-@pytest.mark.parametrize("loop_period", [0, 1e-3])
+@pytest.mark.parametrize("loop_period", suite_runs([0, 1e-3], 0))
 def test_the_notes_speeds_in_mode_1(loop_period):
     """z: (h/n) / (2 pi) V / (R x), from 2.653 to 7.958; in space 100.04 to 100.32; in the plane V."""
     plane, z, space = speeds(note(loop_period=loop_period).setpoints(2e-4))
@@ -144,7 +146,7 @@ def test_plane_speed_in_mode_1_is_v_at_every_tick_to_a_millionth():
     assert plane == pytest.approx(2 * radius * np.sin(0.05 / radius) / 1e-3, rel=PLANE_SPEED)
 
 
-@pytest.mark.parametrize("height", [40, 400, -1500])
+@pytest.mark.parametrize("height", suite_runs([40, 400, -1500], 1))
 def test_mode_0_slows_the_circle_by_the_cosine_of_the_climb(height):
     """SPEED V / x is the speed in space of the virtual helix of climb tan(beta) = h / (pi D n).
 

@@ -10,13 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import Basic, InterpreterTime
 from gantrysim.controllers.trio.basic.expressions import known_words
 from gantrysim.controllers.trio.basic.words import IGNORED
+
+from support.soaked import examples
 
 NO_TIME = InterpreterTime(0, 0, 0, 0)
 
@@ -146,7 +148,7 @@ def operand(draw, rank, depth):
 
 
 @given(st.data())
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_operators_bind_by_their_rank(data):
     text, value = operand(data.draw, 0, 4)
     try:

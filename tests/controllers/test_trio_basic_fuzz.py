@@ -5,13 +5,15 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import Basic
 from gantrysim.controllers.trio.basic.expressions import known_words
 from gantrysim.job.job import Job
+
+from support.soaked import examples, suite_runs
 
 PAGE = (Path(__file__).parent.parent.parent / "docs" / "trio-basic.md").read_text(encoding="utf-8")
 WORDS = """
@@ -118,7 +120,7 @@ def test_the_programs_are_sound():
     assert not survives(PROGRAMS[0])  # it takes longer than the limit
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", suite_runs(range(4), 0, 1))
 def test_mutated_programs_raise_nothing_but_input_errors(seed):
     chance = random.Random(seed)
     for _ in range(150):
@@ -137,7 +139,7 @@ def test_a_hundred_thousand_mutations(seed, record_property):
 
 
 @given(st.text(max_size=80) | st.lists(st.sampled_from(PIECES), max_size=25).map(" ".join))
-@settings(max_examples=150, deadline=None)
+@examples(150)
 def test_any_text_is_a_program_or_an_input_error(text):
     survives(text)
 

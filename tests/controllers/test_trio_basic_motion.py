@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
@@ -13,6 +13,8 @@ from gantrysim.controllers.trio import Basic, InterpreterTime
 from gantrysim.controllers.trio.basic import interpreter
 from gantrysim.controllers.trio.basic.moves import Arc
 from gantrysim.controllers.trio.basic.profile import Speed
+
+from support.soaked import examples
 
 POSITION = 1e-9  # of positions [mm]
 NO_TIME = InterpreterTime(0, 0, 0, 0)
@@ -43,7 +45,7 @@ def trapezium(t, length, v, up, down):
     st.floats(0.1, 50), st.floats(-50, 50), st.floats(20, 300), st.floats(100, 5000), st.floats(100, 5000),
     st.sampled_from([0.0005, 0.001, 0.002]),
 )  # fmt: skip
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_move_is_a_trapezium_along_a_line(x, y, v, up, down, period):
     made = basic(f"BASE(0,1)\nSPEED={v:.17g}: ACCEL={up:.17g}: DECEL={down:.17g}\nMOVE({x:.17g},{y:.17g})\nWAIT IDLE")
     found = made.setpoints(period)
@@ -55,7 +57,7 @@ def test_move_is_a_trapezium_along_a_line(x, y, v, up, down, period):
 
 
 @given(st.floats(0.5, 30), st.floats(20, 200), st.floats(200, 5000), st.booleans())
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_without_a_limit_of_accel_a_move_begins_at_the_speed_from_which_it_can_stop(length, v, down, merged):
     """v jumps to SPEED, or to sqrt(2 d l) on a way too short for that; then it falls at DECEL to rest."""
     parts = f"MERGE=ON: MOVE({0.4 * length:.17g}): MOVE({0.6 * length:.17g})" if merged else f"MOVE({length:.17g})"
@@ -117,7 +119,7 @@ def test_a_full_buffer_holds_the_program():
 
 
 @given(st.floats(-50, 50), st.floats(-50, 50), st.floats(0.3, 6.0), st.booleans(), st.floats(-20, 20), st.booleans())
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_arcs_and_helices(cx, cy, angle, clockwise, rise, flat):
     radius = math.hypot(cx, cy)
     if radius < 1:
@@ -140,7 +142,7 @@ def test_arcs_and_helices(cx, cy, angle, clockwise, rise, flat):
     st.floats(5, 50), st.floats(-math.pi, math.pi), st.floats(0.1, 2 * math.pi - 0.1), st.booleans(),
     st.sampled_from([1, 2, 3, 4, 5]),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_an_arc_with_a_rounded_end_ends_on_its_circle(radius, begin, swept, clockwise, digits):
     """The stated end gives the angle alone: p = c + R e / |e|, with e from the centre to the stated end."""
     sense = -1 if clockwise else 1
@@ -328,7 +330,7 @@ def test_lines_of_the_program_at_the_setpoints():
 
 
 @given(st.floats(-180, 180), st.floats(-50, 50))
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_placement_turns_and_shifts_axes_and_requested_path(rotate, x):
     text = "BASE(0,1): SPEED=100: MOVE(10,5): MOVECIRC(0,8,0,4,0): WAIT IDLE"
     plain, placed = basic(text), basic(text, placement=Placement(x=x, y=2.0, rotate=rotate))
@@ -419,7 +421,7 @@ OUT_OF_REACH = 1e12  # stretch that no period reaches the end of [mm]
     value=st.floats(0.1, 300), target=st.sampled_from([0.0, 50.0, 300.0, None]), remaining=st.floats(1e-3, 500),
     down=st.sampled_from([100.0, 5000.0, math.inf]), period=st.sampled_from([1e-3, 0.03, 2e-12, 1e-12, 5e-13]),
 )  # fmt: skip
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_a_period_is_the_same_with_an_end_that_it_does_not_reach(value, target, remaining, down, period):
     """Without that end a period at SPEED, far from where the axis brakes, is passed without a look at its phases.
 
@@ -437,7 +439,7 @@ def test_a_period_is_the_same_with_an_end_that_it_does_not_reach(value, target, 
 @given(
     st.floats(0.1, 50), st.floats(-4, 4), st.floats(0.1, 6.2), st.booleans(), st.floats(-20, 20) | st.none(),
 )  # fmt: skip
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_places_along_an_arc_are_the_same_one_by_one(radius, begin, angle, clockwise, rise):
     centre = (-radius * math.cos(begin), -radius * math.sin(begin))
     last = begin + (-angle if clockwise else angle)
@@ -447,6 +449,7 @@ def test_places_along_an_arc_are_the_same_one_by_one(radius, begin, angle, clock
     assert arc.displacements(s).T.tolist() == [list(arc.displacement(distance)) for distance in s.tolist()]
 
 
+@pytest.mark.soak
 def test_a_condition_that_cannot_come_about_is_refused_long_before_the_time_limit():
     text = "BASE(0)\nSPEED=10\nMOVE(2)\nWAIT UNTIL MPOS>{}\nMOVE(2)"
     said = r"^line 4: waits for 300 s while nothing moves: what it waits for must come about$"
@@ -455,6 +458,7 @@ def test_a_condition_that_cannot_come_about_is_refused_long_before_the_time_limi
     assert basic(text.format(1)).setpoints(0.001).position[-1, 0] == pytest.approx(4)
 
 
+@pytest.mark.soak
 def test_a_wait_for_another_process_or_the_clock_is_none_for_ever():
     setpoints = basic("SPEED=10\nMOVE(2)\nTICKS=200000\nWAIT UNTIL TICKS<0\nMOVE(2)").setpoints(0.001)
     assert len(setpoints.position) > 200_000

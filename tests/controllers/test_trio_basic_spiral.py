@@ -6,13 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio import Basic, InterpreterTime, MoveSpiral, StatedSpiral
 from gantrysim.paths.spirals import Involute
+
+from support.soaked import examples, suite_runs
 
 POSITION = 1e-9  # [mm]
 PAGE = (Path(__file__).parent.parent.parent / "docs" / "trio-basic.md").read_text(encoding="utf-8")
@@ -90,7 +92,7 @@ def jobs(draw):
 
 
 @given(jobs())
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_random_spirals_agree_with_the_closed_form(job):
     try:
         spiral = MoveSpiral(**job)
@@ -105,12 +107,16 @@ def test_random_spirals_agree_with_the_closed_form(job):
 
 @pytest.mark.parametrize(
     "limits",
-    [
-        {},
-        {"ratio_bits": 16, "wait_resolution": 0.001, "acceleration": 1000.0},
-        {"acceleration": 300.0, "servo_period": 0.002},
-        {"interpreter_time": 0.005, "servo_period": 0.0005},
-    ],
+    suite_runs(
+        [
+            {},
+            {"ratio_bits": 16, "wait_resolution": 0.001, "acceleration": 1000.0},
+            {"acceleration": 300.0, "servo_period": 0.002},
+            {"interpreter_time": 0.005, "servo_period": 0.0005},
+        ],
+        0,
+        2,
+    ),
     ids=str,
 )
 def test_the_page_s_program_buffers_a_circle_at_a_time_and_agrees(limits):
@@ -118,7 +124,7 @@ def test_the_page_s_program_buffers_a_circle_at_a_time_and_agrees(limits):
     check(interpreted(of_the_page(), spiral), spiral)
 
 
-@pytest.mark.parametrize("changed", [{"mode": 0}, {"mode": 1}])
+@pytest.mark.parametrize("changed", suite_runs([{"mode": 0}, {"mode": 1}], 0))
 def test_a_third_virtual_axis_climbs(changed):
     mode = changed["mode"]
     spiral = MoveSpiral(

@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
 
+from support.soaked import examples
 from support.stepped import NEVER_BELOW, POSITION, RELATIVE, SPEED, STEPPED, WHOLE_MS, Controller, end_of, note, places
 
 
@@ -55,7 +56,7 @@ def built(job):
     "1e-9 mm",
 )
 @given(jobs(accelerated=False))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_setpoints_agree_with_the_stepped_controller_without_accel(job):
     spiral, stepped = built(job), Controller(**job).run()
     commanded = places(spiral.setpoints(job["servo_period"]))
@@ -67,7 +68,7 @@ def test_setpoints_agree_with_the_stepped_controller_without_accel(job):
 
 
 @given(jobs())
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_setpoints_agree_with_the_stepped_controller_with_an_exact_profile_within_a_tick(job):
     spiral, stepped = built(job), Controller(**job).run()
     assume(stepped.ratios[-1] > 1e-3)
@@ -138,7 +139,7 @@ def accelerations(law, n=40001):
 
 
 @given(jobs())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_virtual_speed_is_continuous_within_accel_and_decel_and_ends_at_rest_at_the_end(job):
     spiral = built({**job, "deceleration": job["deceleration"] if job["deceleration"] != math.inf else None})
     law = spiral.passes.profile
@@ -298,7 +299,7 @@ def test_a_whole_number_of_milliseconds_loses_nothing():
 
 
 @given(jobs(accelerated=False), st.sampled_from([8, 12, 16, 20]))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_ratio_bits_cost_at_most_half_a_bit_of_every_radius(job, bits):
     job.pop("ratio_bits")
     job |= {"servo_period": 0.0, "wait_resolution": 0.0}
@@ -320,7 +321,7 @@ def test_the_error_of_ratio_bits_is_measurable():
 
 
 @given(jobs(accelerated=False))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_commands_take_effect_at_the_next_servo_tick(job):
     ticked, free = built(job), built({**job, "servo_period": 0.0})
     n = min(ticked.ratios.size, free.ratios.size)
@@ -367,7 +368,7 @@ def test_interpreter_time_adds_to_the_truncated_wait():
     "1e-6 relative",
 )
 @given(jobs(accelerated=False))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_path_speed_of_the_setpoints_is_constant_where_no_limit_bites(job):
     """Where the ratio is exact; x times SPEED = V / x is V."""
     spiral = built({**job, "ratio_bits": None})
@@ -392,7 +393,7 @@ def test_path_speed_is_v_but_for_the_ramps_with_accel():
 
 
 @given(jobs())
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_real_speed_is_the_ratio_times_the_virtual_speed(job):
     passes = built(job).passes
     law = passes.connect(passes.connected * np.diff(passes.distance))

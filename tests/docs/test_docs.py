@@ -19,7 +19,6 @@ import gantrysim
 from gantrysim import Job, metrics
 from gantrysim.cli.main import app
 from gantrysim.glue.bead import Bead
-from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.losses import Losses
 
 from support.doc_pages import (
@@ -35,6 +34,7 @@ from support.doc_pages import (
     run_in_turn,
 )
 from support.jobs import job_run
+from support.soaked import of_jobs, suite_runs
 
 PAGES = read_pages()
 README = PAGES["README.md"]
@@ -82,14 +82,24 @@ EXAMPLES = {
 }
 
 
+# those that identify, learn, film or take a tour
+LONG = ["api/index.md", "identification.md", "learning.md", "rendering.md"]
+
+
 @pytest.mark.first
-def test_the_python_blocks_of_the_pages_run(fresh, tmp_path):
+@pytest.mark.parametrize(
+    "names",
+    suite_runs([[name for name in EXAMPLES if name not in LONG], LONG], 0),
+    ids=["short", "long"],
+)
+def test_the_python_blocks_of_the_pages_run(names, fresh, tmp_path):
     """Page after page in one process, each with names of its own: imports and compiled functions are loaded once."""
     steps = []
-    for name, examples in EXAMPLES.items():
+    pages = {name: EXAMPLES[name] for name in names}
+    for name, examples in pages.items():
         steps += [("page", name), *(("python", shortened(block.text)) for block in examples)]
     printed = iter(run_in_turn(fresh, tmp_path, steps))
-    for name, examples in EXAMPLES.items():
+    for name, examples in pages.items():
         next(printed)
         for block in examples:
             output, error = next(printed)
@@ -141,7 +151,7 @@ def test_the_readme_s_errors_are_those_of_program_and_job(an225):
     assert len(README.splitlines()) <= 120
 
 
-@pytest.mark.parametrize("name", builtin_jobs())
+@pytest.mark.parametrize("name", of_jobs("an225", "delta-arc", "fanuc-spiral", "stage-outline"))
 def test_the_jobs_table_is_what_the_jobs_give(name):
     job = Job.load(name)
     values = metrics.values(job_run(name))
@@ -270,7 +280,8 @@ RATIOS = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("keys", [("setpoints",), pytest.param((), marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize("keys", [("setpoints",), ()])
 def test_the_benchmark_prints_what_it_is_asked_for(keys):
     command = [sys.executable, ROOT / "scripts" / "benchmark.py", "--json", "--rounds", "1", *keys]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -296,6 +307,10 @@ LONG_BENCHMARKS = {
     "verdict",
     "page",
     "film",
+    "batch",
+    "converged_cost",
+    "study_case",
+    "analysis",
 }
 
 

@@ -11,8 +11,19 @@ from support.doc_pages import ROOT, TASKS, assert_printed, blocks_of, read_pages
 NOTEBOOK = "start/notebook.md"  # which another test runs as a whole
 START = {name: page for name, page in read_pages().items() if name.startswith("start/") and name != NOTEBOOK}
 TEXTS = START | TASKS
-# those whose commands search, train or build for minutes
-LONG = ("Run a sweep on a cluster", "Train an agent", "Tune the servo")
+# those whose commands search, train or build for minutes, and what takes more than five seconds
+LONG = (
+    "Compensate friction",
+    "Find the fastest speed",
+    "Find what to change",
+    "Read the verdict",
+    "Run a sweep on a cluster",
+    "Shape the flow",
+    "Train an agent",
+    "Tune the servo",
+    "Write a law",
+    "start/own-trace.md",
+)
 SHORTER = ("--no-video", "--no-report")  # film and report take most of the time of a run
 ADDRESS = "tcp://"  # of computers that the test has not
 

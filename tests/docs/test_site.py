@@ -50,6 +50,7 @@ def test_every_page_stands_once_in_the_navigation():
     assert sorted(pages) == sorted(page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md"))
 
 
+@pytest.mark.soak
 def test_every_page_is_built(site):
     for page in pages_of(CONFIG["nav"]):
         built = site / page.removesuffix("index.md").removesuffix(".md") / "index.html"
@@ -57,18 +58,21 @@ def test_every_page_is_built(site):
     assert "involute" in (site / "search.json").read_text(encoding="utf-8")
 
 
+@pytest.mark.soak
 def test_search_finds_the_codes_of_the_valve(site):
     """By a heading, which search weighs more than text."""
     titles = [item["title"] for item in json.loads((site / "search.json").read_text(encoding="utf-8"))["items"]]
     assert any({"M3", "M5", "glue"} <= set(re.findall(r"\w+", title)) for title in titles)
 
 
+@pytest.mark.soak
 def test_no_page_of_the_site_asks_the_network(site):
     for page in site.rglob("*.html"):
         loaded = re.findall(r'<(?:script|link|img)[^>]+(?:src|href)="(https?:[^"]+)"', page.read_text(encoding="utf-8"))
         assert [address for address in loaded if "canonical" not in address] == [], page
 
 
+@pytest.mark.soak
 def test_equations_are_set_as_equations(site):
     equations = 0
     for page in (DOCS / "theory.md", DOCS / "identification.md"):
@@ -81,6 +85,7 @@ def test_equations_are_set_as_equations(site):
     assert equations > 10
 
 
+@pytest.mark.soak
 def test_the_api_s_pages_show_every_public_class_and_function(site):
     shown = {resolve_name(name) for name in documented()}
     public = [getattr(gantrysim, name) for name in gantrysim.__all__ if not name.islower() or "_" in name]
@@ -92,6 +97,7 @@ def test_the_api_s_pages_show_every_public_class_and_function(site):
         assert f'id="{name}"' in html
 
 
+@pytest.mark.soak
 def test_tables_of_docstrings_are_set_as_tables(site):
     html = (site / "api" / "studies" / "index.html").read_text(encoding="utf-8")
     assert "<td>reward_contour</td>" in html
@@ -99,6 +105,7 @@ def test_tables_of_docstrings_are_set_as_tables(site):
         assert "====" not in page.read_text(encoding="utf-8"), page
 
 
+@pytest.mark.soak
 def test_commands_are_marked_for_their_stylesheet(site):
     html = (site / "exchange" / "index.html").read_text(encoding="utf-8")
     blocks = re.findall(r'<div class="(language-(?:sh|text)) highlight">(.*?)</pre>', html, flags=re.DOTALL)

@@ -18,6 +18,8 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults
 
+from support.soaked import suite_runs
+
 FINE = 12.5e-6  # [s]
 RELATIVE = 0.01
 MICROMETRES = 0.3
@@ -120,7 +122,7 @@ def job_links(found: dict[str, tuple[float, float]]) -> list[str]:
     return [parts[2] for parts in keys if len(parts) == 4]
 
 
-@pytest.mark.parametrize("name", ["softmc-arc", "fanuc-conical"])
+@pytest.mark.parametrize("name", suite_runs(["softmc-arc", "fanuc-conical"], 0))
 def test_root_mean_squares_of_a_single_run_are_those_of_steps_a_quarter_as_long(name):
     job = Job.load(name)
     coarse, fine = figures(job, None, runs=1), figures(job, 6.25e-5, runs=1)

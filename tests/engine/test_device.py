@@ -11,12 +11,14 @@ from gantrysim import simulate_batch
 from gantrysim.base.errors import InputError
 
 from support.runs import ramp
+from support.soaked import suite_runs
 
 pytest.importorskip("numba_cuda")
 
 # Python takes a millisecond for a step: short motions, of servos that together have every stage of a device.
 COMPARED = """
 import os
+import sys
 import numba
 import numpy as np
 from gantrysim import Machine, Servo, Setpoints, simulate_batch
@@ -38,7 +40,7 @@ OPTIONS = (
 xy = Machine("xy")
 machines = [xy, xy.perturbed(Perturbation(payload=0.5))]
 path = ArcChain((-70.0, 0.0), 0.0, [0.0], [1.5])
-for options in OPTIONS:
+for options in (OPTIONS[int(number)] for number in sys.argv[1:]):
     servo = Servo.derive(xy.axes, PERIOD, **options)
     setpoints = Setpoints.along(path, 100.0, PERIOD)
     runs = simulate_batch(machines, servo, setpoints, device="cuda")
@@ -57,11 +59,17 @@ print("equal")
     "the loop on the processor",
     "1e-6 µm",
 )
-def test_a_device_steps_as_the_processor_does():
+# a law in torque, and the loop in the drive
+@pytest.mark.parametrize("numbers", suite_runs(["0 4", "1 2 3 5"], 0))
+def test_a_device_steps_as_the_processor_does(numbers):
     """In a process of its own, as the simulator takes the place of the device for good."""
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     asked = subprocess.run(
-        [sys.executable, "-P", "-c", COMPARED], env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-P", "-c", COMPARED, *numbers.split()],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert asked.stdout == "equal\n", asked.stderr
 

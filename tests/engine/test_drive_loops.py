@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -25,6 +25,7 @@ from gantrysim.servo.stability.motion import Drives, LinearSystem
 from gantrysim.study.tuning.study import TuningStudy
 
 from support.runs import plain, ramp
+from support.soaked import examples, suite_runs
 from support.tables import EXAMPLES
 
 NEAR = 0.03  # distance from the gain margin at which a kick grows or decays, relative
@@ -88,7 +89,7 @@ def kicked(machine, servo, axis, factor):
     return run.fault is not None or error[-50:].max() > error[400:450].max()
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", suite_runs(list(CASES), 0, 2, 4))
 @pytest.mark.parametrize("mode", LOOPS)
 def test_margins_know_the_loop_in_the_drive(xy, mode, case):
     servo = plain(xy, feedforward=0.0, mode=mode, **CASES[case])
@@ -141,7 +142,7 @@ def test_derived_gains_keep_their_margins(name, mode, case):
     st.floats(0, 1),
     st.integers(1, 2),
 )
-@settings(deadline=None, max_examples=30)
+@examples(30)
 def test_two_rates_in_one_system_are_the_recurrence_of_both(seed, ratio, share, axes):
     """Every sample of the drives one after the other, by the words of their law, for any motion."""
     random = np.random.default_rng(seed)

@@ -19,6 +19,7 @@ from gantrysim.servo.stability.margins import Plant, margins_of
 from gantrysim.study.loop.sampling import circle_response
 
 from support.runs import plain, ramp, turntable
+from support.soaked import suite_runs
 
 NEAR = 0.03  # distance from the gain margin at which a kick grows or decays, relative
 EXPONENTIAL = 1e-9  # of a step of the current, relative
@@ -147,7 +148,7 @@ def kicked(machine, servo, axis, factor):
     return run.fault is not None or error[-50:].max() > error[400:450].max()
 
 
-@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("axis", suite_runs([0, 1], 1))
 @pytest.mark.parametrize("case", CASES)
 def test_margins_know_the_drive(case, axis):
     machine = Machine("xy").perturbed(Perturbation(friction=1e-15))

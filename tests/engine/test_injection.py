@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gantrysim import Dispenser, InputError, Machine, Run, Servo, simulate, simulate_batch
@@ -26,6 +26,7 @@ from gantrysim.faults import (
 from gantrysim.record.setpoints import Setpoints, Supervision
 
 from support.runs import PERIOD, ideal_motors, plain, ramp
+from support.soaked import examples
 
 SPEED = 100.0  # [mm/s]
 AT = 0.3  # time of faults [s]
@@ -387,7 +388,7 @@ def short():
     return Short([(machine, servo, setpoints), simulate(machine, servo, setpoints, dispenser=GLUE)])
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(faults=st.lists(NOTHING, max_size=4))
 def test_faults_of_no_size_or_no_duration_change_no_bit(short, faults):
     parts, healthy = short
@@ -397,7 +398,7 @@ def test_faults_of_no_size_or_no_duration_change_no_bit(short, faults):
         np.testing.assert_array_equal(getattr(run, name), array, err_msg=name)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(faults=st.lists(faults_of(), min_size=1, max_size=3))
 @example(faults=[CloggedNozzle(time=0.052, duration=0.0625, share=0.0)])  # the edge of tick 52 is a rounding later
 def test_before_its_time_a_fault_changes_no_bit_and_a_batch_has_the_same_faults(short, faults):
@@ -412,7 +413,7 @@ def test_before_its_time_a_fault_changes_no_bit_and_a_batch_has_the_same_faults(
     np.testing.assert_array_equal(beside.nozzle, healthy.nozzle)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(fault=faults_of())
 def test_a_record_keeps_its_faults(short, fault, tmp_path_factory):
     _, healthy = short

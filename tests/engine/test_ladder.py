@@ -18,6 +18,7 @@ from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.stability.margins import margins_of
 
 from support.runs import PERIOD, ramp, smooth
+from support.soaked import suite_runs
 
 SAME = 1e-9  # of two computations of one law [N·m]
 NEAR = 0.03  # distance from a margin at which a kick grows or decays, relative
@@ -119,13 +120,18 @@ def pulse(age):
 
 @pytest.mark.parametrize(
     "names",
-    [
-        ["p-pi"],
-        ["pid", "friction"],
-        ["pid", "observer"],
-        ["pid", "contour"],
-        ["p-pi", "friction", "observer", "contour"],
-    ],
+    suite_runs(
+        [
+            ["p-pi"],
+            ["pid", "friction"],
+            ["pid", "observer"],
+            ["pid", "contour"],
+            ["p-pi", "friction", "observer", "contour"],
+        ],
+        0,
+        2,
+        4,
+    ),
     ids="+".join,
 )
 @pytest.mark.first
@@ -288,6 +294,7 @@ def test_a_run_that_is_too_long_to_learn_from_is_refused(xy, monkeypatch):
     np.testing.assert_array_equal(long.demand, simulate(xy, preview, curve()).demand)
 
 
+@pytest.mark.soak
 def test_laws_on_a_closed_chain_and_at_gates():
     """Learning by a model about zero halves the error of a delta robot; a shaped stream waits at its gates."""
     errors = {}

@@ -21,6 +21,7 @@ from gantrysim.record.setpoints import Setpoints
 
 from support.random_tables import request, table
 from support.runs import PERIOD, ramp
+from support.soaked import suite_runs
 
 AGREES = 1e-9  # [mm]
 NUDGE = Perturbation(motor_constant=1 + 1e-12)
@@ -82,7 +83,7 @@ def counts_of(servo):
     "MuJoCo: nine built-in jobs; random machines, laws, drives and periods",
     "1e-6 µm, until a count of an encoder flips by rounding",
 )
-@pytest.mark.parametrize("name", SLIDING)
+@pytest.mark.parametrize("name", suite_runs(SLIDING, 0, 1, 4, 8))
 def test_a_job_on_sliding_joints_runs_as_in_mujoco(name):
     job = Job.load(name)
     assert Simulation.of(job.built_machine, job.built_servo, job.setpoints).hindrance is None

@@ -16,6 +16,7 @@ from gantrysim.servo.stability.motion import UnknownLoopError
 
 from support import own_laws
 from support.runs import ramp
+from support.soaked import suite_runs
 
 SAME = 1e-10  # of two computations of one law
 HERE = Path(own_laws.__file__)
@@ -29,7 +30,7 @@ def pd(xy):
 
 @pytest.mark.parametrize(
     "law",
-    [own_laws.pd, own_laws.compiled_pd, "support.own_laws:pd", "support.own_laws:compiled_pd", FILE],
+    suite_runs([own_laws.pd, own_laws.compiled_pd, "support.own_laws:pd", "support.own_laws:compiled_pd", FILE], 0),
     ids=["python", "numba", "module", "compiled in a module", "file"],
 )
 def test_a_user_s_pd_is_pd(xy, pd, law):

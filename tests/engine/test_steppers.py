@@ -26,6 +26,7 @@ from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults
 
 from support.runs import ramp
+from support.soaked import suite_runs
 from support.tables import EXAMPLES
 
 T_HOLD, AMPERE, OHM, HENRY, POLES, BUS = 0.6, 2.0, 1.2, 2.4e-3, 50, 36.0
@@ -322,7 +323,7 @@ def test_a_finer_physics_step_gives_the_same_motion(made):
     assert first < 0.02 * PERIOD_OF_FIELD
 
 
-@pytest.mark.parametrize(("name", "more"), [("softmc-arc", ()), ("an225", ("turns=1",))])
+@pytest.mark.parametrize(("name", "more"), suite_runs([("softmc-arc", ()), ("an225", ("turns=1",))], 0))
 def test_the_torque_at_the_default_physics_step_is_that_of_a_short_one(name, more):
     """Microsteps come faster than physics steps: sampled there, they shook the rotor, with 10 to 13 % more torque."""
     job = Job.load(name, list(more), machine=str(EXAMPLES / "stepper.toml"))

@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Job, simulate
@@ -23,6 +23,7 @@ from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import Analysis, path_speed, torque_ripple
 
 from support.episodes import stepwise, stepwise_vector
+from support.soaked import examples, suite_runs
 
 SHORT = {"diameter": 48.0, "turns": 1, "thickness": 8.0, "speed": 100.0}
 FAULTY = np.array([1, -1, 0, 0], np.float32)  # high stiffness, low damping
@@ -146,7 +147,7 @@ def test_the_ripple_of_an_episode_is_that_of_the_metrics():
     assert info["ripple"] == pytest.approx((torque_ripple(run) / peak).max(), rel=RIPPLE)
 
 
-@pytest.mark.parametrize("name", ["softmc-arc", "fanuc-conical", "stage-outline"])
+@pytest.mark.parametrize("name", suite_runs(["softmc-arc", "fanuc-conical", "stage-outline"], 0))
 def test_the_ripple_of_an_episode_with_pauses_is_that_of_the_metrics(name):
     env = GainBanditEnv(job=name, spread=None)
     env.reset(seed=1)
@@ -237,7 +238,7 @@ def test_a_fixed_spiral_still_draws_its_machine(env):
     assert np.array_equal(runs[2].demand, runs[3].demand)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seed=st.integers(0, 2**31), thickness=st.floats(6, 12))
 def test_a_random_spiral_leaves_room_inside(seed, thickness):
     env = _room(thickness)
@@ -272,7 +273,7 @@ def test_a_job_gives_path_machine_servo_and_dispenser():
     assert info["episode_contour_max"] == pytest.approx(contour.max, abs=CONTOUR)
 
 
-@pytest.mark.parametrize("name", ["stage-outline", "fanuc-conical", "fanuc-spiral"])
+@pytest.mark.parametrize("name", suite_runs(["stage-outline", "fanuc-conical", "fanuc-spiral"], 0))
 def test_every_kind_of_machine_and_path_has_its_contour_error(name):
     env = GainBanditEnv(job=Job.load(name), spread=None)
     observation, _ = env.reset(seed=1)
@@ -383,7 +384,7 @@ def test_invalid_actions_are_rejected(env, action, text):
         ({"render_mode": "human"}, "render_mode = 'human': must be None or 'rgb_array'"),
     ],
 )
-@pytest.mark.parametrize("kind", [GainBanditEnv, GainBanditVectorEnv])
+@pytest.mark.parametrize("kind", suite_runs([GainBanditEnv, GainBanditVectorEnv], 0))
 def test_settings_out_of_bounds_are_rejected(kind, change, text):
     with pytest.raises(InputError) as refused:
         kind(**change)
@@ -513,7 +514,9 @@ def test_unknown_options_of_reset_are_rejected(env):
         stepwise_vector(2).reset(options={"mask": np.ones(2, bool)})
 
 
-@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize(
+    "again", suite_runs([copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], 2)
+)
 def test_a_copy_is_a_new_environment_with_the_same_settings(again):
     for env in (stepwise(**SHORT), GainBanditEnv(**SHORT), stepwise_vector(2, **SHORT, threads=1)):
         other = again(env)

@@ -26,19 +26,24 @@ def logger_speaks():
 
 @pytest.mark.parametrize(
     ("name", "settings"),
-    [
-        (TUNING, {}),
-        (TUNING, {"job": "an225", "spread": None}),
-        (BANDIT, SHORT),
-        (BANDIT, {"job": "fanuc-spiral"}),  # random gains end in a fault before any glue
-        (BEAD, SHORT),
-        (BEAD, {"job": "softmc-arc"}),
-        (SPEED, SHORT),
-        (SPEED, {"job": "an225", "slowest": 0.2}),
-        (TORQUE, SHORT),
-        (TORQUE, {"job": "softmc-arc"}),
-        (BANDIT, {"per_axis": True, "machine": "xyz", **SHORT}),
-    ],
+    suite_runs(
+        [
+            (TUNING, {}),
+            (TUNING, {"job": "an225", "spread": None}),
+            (BANDIT, SHORT),
+            (BANDIT, {"job": "fanuc-spiral"}),  # random gains end in a fault before any glue
+            (BEAD, SHORT),
+            (BEAD, {"job": "softmc-arc"}),
+            (SPEED, SHORT),
+            (SPEED, {"job": "an225", "slowest": 0.2}),
+            (TORQUE, SHORT),
+            (TORQUE, {"job": "softmc-arc"}),
+            (BANDIT, {"per_axis": True, "machine": "xyz", **SHORT}),
+        ],
+        0,
+        4,
+        8,
+    ),
 )
 def test_the_checkers_pass(name, settings):
     from stable_baselines3.common.env_checker import check_env as check_env_of_baselines
@@ -49,14 +54,14 @@ def test_the_checkers_pass(name, settings):
     env.close()
 
 
-@pytest.mark.parametrize("name", suite_runs([*IDS, BEAD, SPEED, TORQUE], 0, 2))
+@pytest.mark.parametrize("name", suite_runs([*IDS, BEAD, SPEED, TORQUE], 2))
 def test_gymnasiums_checker_passes_with_pictures(name):
     env = gymnasium.make(name, render_mode="rgb_array", size=(64, 48), **SHORT)
     check_env(env.unwrapped)
     env.close()
 
 
-@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("name", suite_runs(IDS, 1))
 def test_stable_baselines_checker_passes(name):
     from stable_baselines3.common.env_checker import check_env as check_env_of_baselines
 

@@ -9,6 +9,7 @@ from gantrysim.faults import EncoderSlip
 from gantrysim.paths.profile import PointToPoint
 
 from support.episodes import same
+from support.soaked import suite_runs
 
 ACCELERATION = 2000.0  # of the environment [mm/s²]
 # longest change of the way in a tick: the last ticks before a stop are whole ones [mm]
@@ -52,7 +53,9 @@ def test_each_leg_takes_the_time_of_a_motion_from_rest_to_rest():
     assert run.commanded[-1] == pytest.approx([20.0, 30.0, 0.0], abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["softmc-arc", "fanuc-conical", "slicer-square", "svg-gasket", "delta-arc"])
+@pytest.mark.parametrize(
+    "name", suite_runs(["softmc-arc", "fanuc-conical", "slicer-square", "svg-gasket", "delta-arc"], 0, 4)
+)
 def test_a_job_is_followed_exactly_and_rests_at_its_corners(name):
     env = SpeedOverrideEnv(job=name, spread=None)
     env.reset(seed=1)

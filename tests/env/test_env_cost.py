@@ -3,7 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Machine
@@ -12,6 +12,7 @@ from gantrysim.servo.servo import Servo
 
 from support.costs import expected_cost
 from support.episodes import BANDIT, SHORT, TUNING
+from support.soaked import examples
 
 RANGE = 4.0
 
@@ -37,7 +38,7 @@ def table(machine, servo):
 
 
 @given(kp=st.integers(-16, 16), kd=st.integers(-16, 16), off=st.floats(-0.03, 0.03), feed=st.floats(-1, 1))
-@settings(deadline=None, max_examples=25)
+@examples(25)
 def test_the_cost_is_that_of_the_loops_on_a_dense_grid(machine, servo, table, kp, kd, off, feed):
     action = np.array([[kp / 16 + off], [kd / 16 - off], [feed], [-feed]])
     exact = expected_cost(machine, servo, RANGE ** (kp / 16), RANGE ** (kd / 16))

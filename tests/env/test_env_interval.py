@@ -11,6 +11,8 @@ from gantrysim.machine.row import ROW, Log
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.spirals import Involute
 
+from support.soaked import suite_runs
+
 CHORD = 1e-4  # [mm], that a chord of 0.05 mm is off a curve of 3 mm radius
 AXES = 2
 LINE = np.linspace(0, 10.0, 101)  # progress along a line of 10 mm
@@ -169,7 +171,7 @@ def test_before_the_first_interval_nothing_is_measured():
     assert seen.curvature[0] == pytest.approx(0.1, rel=1e-3)  # but where the path begins is known
 
 
-@pytest.mark.parametrize("name", ["GainBandit-v0", "SpiralTuning-v0"])
+@pytest.mark.parametrize("name", suite_runs(["GainBandit-v0", "SpiralTuning-v0"], 0))
 @pytest.mark.parametrize("last_action", [0.3, 1.0], ids=["to the end", "faults"])
 def test_the_steps_measure_what_a_look_at_the_log_afterwards_does(name, last_action, monkeypatch):
     looks = []

@@ -10,6 +10,8 @@ from gantrysim import InputError
 from gantrysim.env.registry import TASKS
 from gantrysim.machine.tolerances import Tolerances
 
+from support.soaked import suite_runs
+
 EPISODES = 12
 SPIRAL = ("diameter", "thickness", "speed", "turns")
 
@@ -22,7 +24,7 @@ def drawn(env, count=EPISODES):
     return [env.reset(seed=seed)[1] for seed in range(count)]
 
 
-@pytest.fixture(params=TASKS)
+@pytest.fixture(params=suite_runs(list(TASKS), 1))
 def task(request):
     return request.param
 

@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+from support.soaked import suite_runs
+
 MAKE = "env = gymnasium.make('gantrysim/SpiralTuning-v0')"
 MAKE_VECTOR = "env = gymnasium.make_vec('gantrysim/SpiralTuning-v0', num_envs=2, {})"
 TUNED = 25  # entries of the observation of SpiralTuning-v0
@@ -24,33 +26,36 @@ SHAPE = "print(env.reset(seed=1)[0].shape[-1]); env.close()"
 
 @pytest.mark.parametrize(
     ("lines", "sizes"),
-    [
-        (
+    suite_runs(
+        [
             (
-                "import gantrysim.env",
-                "import gymnasium",
-                MAKE,
-                SHAPE,
-                MAKE.replace("SpiralTuning", "GainBandit"),
-                SHAPE,
+                (
+                    "import gantrysim.env",
+                    "import gymnasium",
+                    MAKE,
+                    SHAPE,
+                    MAKE.replace("SpiralTuning", "GainBandit"),
+                    SHAPE,
+                ),
+                (TUNED, 22),
             ),
-            (TUNED, 22),
-        ),
-        (
             (
-                "import gymnasium",
-                "import gantrysim.env",
-                MAKE_VECTOR.format("threads=1"),
-                SHAPE,
-                MAKE_VECTOR.format("vectorization_mode='sync'"),
-                SHAPE,
-                MAKE_VECTOR.format("vectorization_mode='async'"),
-                SHAPE,
+                (
+                    "import gymnasium",
+                    "import gantrysim.env",
+                    MAKE_VECTOR.format("threads=1"),
+                    SHAPE,
+                    MAKE_VECTOR.format("vectorization_mode='sync'"),
+                    SHAPE,
+                    MAKE_VECTOR.format("vectorization_mode='async'"),
+                    SHAPE,
+                ),
+                (TUNED,) * 3,
             ),
-            (TUNED,) * 3,
-        ),
-        (("import gymnasium", MAKE.replace("gantrysim/", "gantrysim.env:gantrysim/"), SHAPE), (TUNED,)),
-    ],
+            (("import gymnasium", MAKE.replace("gantrysim/", "gantrysim.env:gantrysim/"), SHAPE), (TUNED,)),
+        ],
+        0,
+    ),
     ids=["gantrysim.env first, bandit", "gymnasium first, native, sync and async vectors", "module in the id"],
 )
 def test_an_environment_is_made_by_its_id(lines, sizes):

@@ -50,6 +50,7 @@ def test_pictures_show_the_machine_and_the_bead_laid_so_far():
     assert stepwise(**SHORT).render() is None
 
 
+@pytest.mark.soak
 def test_pictures_show_the_running_episode():
     pictures = []
     one, other = (stepwise(diameter=(60.0, 140.0), render_mode="rgb_array") for _ in range(2))

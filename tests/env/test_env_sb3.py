@@ -22,6 +22,7 @@ def adapter(sb3):
     return SB3VecEnv
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", [TUNING, pytest.param(BANDIT, marks=pytest.mark.soak)])
 def test_it_equals_the_librarys_own_environments_with_their_monitor(name, adapter):
     from stable_baselines3.common.monitor import Monitor

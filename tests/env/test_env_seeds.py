@@ -9,6 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from support.episodes import BANDIT, MEEK, SHORT, TUNING, actions_of, episode, same
+from support.soaked import suite_runs
 
 NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
 
@@ -49,7 +50,7 @@ def both(mode, count, threads, name=TUNING, **settings):
     return scalar, native
 
 
-@pytest.mark.parametrize(("mode", "threads"), [(NEXT, 1), (NEXT, 3), (SAME, None)])
+@pytest.mark.parametrize(("mode", "threads"), suite_runs([(NEXT, 1), (NEXT, 3), (SAME, None)], 1, 2))
 def test_the_native_vector_environment_equals_gymnasiums(mode, threads):
     scalar, native = both(mode, 5, threads)
     random = np.random.default_rng(7)
@@ -63,7 +64,7 @@ def test_the_native_vector_environment_equals_gymnasiums(mode, threads):
     assert (ends > 3).all()  # faults, and ends of paths
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("threads", suite_runs([1, 2], 1))
 def test_without_autoreset_it_equals_gymnasiums(threads):
     scalar, native = both(AutoresetMode.DISABLED, 4, threads)
     random = np.random.default_rng(5)
@@ -81,6 +82,7 @@ def test_without_autoreset_it_equals_gymnasiums(threads):
     assert resets > 3
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("mode", [NEXT, SAME])
 def test_the_bandits_with_gains_per_axis_equal_gymnasiums(mode):
     scalar, native = both(mode, 3, 2, BANDIT, per_axis=True, detune=3.0)
@@ -102,6 +104,7 @@ def test_an_episode_does_not_depend_on_its_neighbours():
         assert all(np.array_equal(one[0], other[3]) for one, other in zip(own[:4], others[:4], strict=True))
 
 
+@pytest.mark.soak
 def test_many_places_on_any_number_of_threads_equal_one_another():
     together, alone = (gymnasium.make_vec(TUNING, num_envs=18, threads=threads, **SHORT) for threads in (3, 1))
     assert same(together.reset(seed=5), alone.reset(seed=5))

@@ -13,6 +13,7 @@ from gantrysim.env import GainBanditEnv
 from gantrysim.machine.tolerances import Tolerances
 
 from support.episodes import BANDIT, MEEK, SHORT, TUNING, actions_of, stepwise, stepwise_vector
+from support.soaked import suite_runs
 
 COPIES = [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 
@@ -40,7 +41,7 @@ def assert_same(one, other):
 
 
 @pytest.mark.parametrize(
-    "settings", [SHORT, {"job": "softmc-arc", "spread": None}, {"machine": "xyz", **SHORT}, LAWS, OWN]
+    "settings", suite_runs([SHORT, {"job": "softmc-arc", "spread": None}, {"machine": "xyz", **SHORT}, LAWS, OWN], 0, 1)
 )
 def test_a_branch_from_a_saved_state_equals_the_first_branch(settings):
     env = stepwise(**settings)
@@ -62,7 +63,7 @@ def test_a_branch_from_a_saved_state_equals_the_first_branch(settings):
     assert again[1] == after[1]
 
 
-@pytest.mark.parametrize("again", COPIES)
+@pytest.mark.parametrize("again", suite_runs(COPIES, 0))
 def test_a_copy_in_the_middle_of_an_episode_goes_on_from_there(again):
     one, several = gymnasium.make(TUNING, **SHORT), gymnasium.make_vec(TUNING, num_envs=3, threads=1, **SHORT)
     for env, count in ((one, 3), (several, 25)):
@@ -140,15 +141,22 @@ def test_a_nominal_machine_can_be_given_values_in_one_environment_alone():
 
 @pytest.mark.parametrize(
     ("options", "text"),
-    [
-        ({"spiral": {"pitch": 3}}, "unknown value of the spiral 'pitch'"),
-        ({"spiral": {"turns": 1.5}}, "turns = 1.5"),
-        ({"spiral": {"diameter": 10.0, "thickness": 6.0}}, "diameter = 10 mm: must be at least 4 times the thickness"),
-        ({"spiral": 3}, "option spiral = 3: must be a dict"),
-        ({"machine": {"friction": 2.0}}, "unknown value of the machine 'friction'"),
-        ({"machine": {"friction_x": -1.0}}, "factor of friction = -1"),
-        ({"machine": {"payload_kg": float("nan")}}, "payload_kg = nan"),
-    ],
+    suite_runs(
+        [
+            ({"spiral": {"pitch": 3}}, "unknown value of the spiral 'pitch'"),
+            ({"spiral": {"turns": 1.5}}, "turns = 1.5"),
+            (
+                {"spiral": {"diameter": 10.0, "thickness": 6.0}},
+                "diameter = 10 mm: must be at least 4 times the thickness",
+            ),
+            ({"spiral": 3}, "option spiral = 3: must be a dict"),
+            ({"machine": {"friction": 2.0}}, "unknown value of the machine 'friction'"),
+            ({"machine": {"friction_x": -1.0}}, "factor of friction = -1"),
+            ({"machine": {"payload_kg": float("nan")}}, "payload_kg = nan"),
+        ],
+        0,
+        3,
+    ),
 )
 def test_a_choice_out_of_bounds_is_rejected(options, text):
     for env in (stepwise(**SHORT), stepwise_vector(2, **SHORT)):

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import SyncVectorEnv
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError
@@ -18,6 +18,7 @@ from gantrysim.paths.profile import PointToPoint
 from gantrysim.paths.spirals import Involute
 
 from support.episodes import BEAD, SHORT, SPEED, TORQUE, actions_of, returned, same
+from support.soaked import examples, suite_runs
 
 TASKS = [BEAD, SPEED, TORQUE]
 STEADY = {"warming": 1.0, "clog": 1.0, "dip": 0.0, "lag": 0.05}
@@ -70,7 +71,7 @@ def test_several_paths_ahead_are_each_as_if_alone():
     depth=st.floats(0.0, 0.9),
     waves=st.floats(0.5, 8.0),
 )
-@settings(deadline=None, max_examples=20)
+@examples(20)
 def test_a_limited_speed_keeps_its_limits_and_comes_to_rest(speed, acceleration, depth, waves):
     s = np.linspace(0.0, 100.0, 401)
     limit = speed * (1 - depth * np.sin(waves * s / 30) ** 2)
@@ -161,7 +162,7 @@ def test_an_episode_at_the_programs_speed_takes_the_time_of_its_profile_on_its_p
 
 
 @given(actions=st.lists(st.floats(-1, 1), min_size=8, max_size=8))
-@settings(deadline=None, max_examples=5)
+@examples(5)
 def test_the_commanded_speed_keeps_the_acceleration_and_the_override(actions):
     env = SpeedOverrideEnv(diameter=40.0, turns=1, thickness=8.0, speed=100.0)
     overrides = []
@@ -230,7 +231,9 @@ def test_friction_changes_when_it_is_said_to():
     assert demand[1] > 1.2 * demand[0]
 
 
-@pytest.mark.parametrize(("name", "parameter", "constants"), [(BEAD, 0.15, (1.0, 1.1)), (SPEED, 6.0, (0.4, 1.0))])
+@pytest.mark.parametrize(
+    ("name", "parameter", "constants"), suite_runs([(BEAD, 0.15, (1.0, 1.1)), (SPEED, 6.0, (0.4, 1.0))], 0)
+)
 def test_adapting_beats_constants(name, parameter, constants):
     seeds = range(500, 503)
     env = gymnasium.make(name).unwrapped

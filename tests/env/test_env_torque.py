@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import SyncVectorEnv
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Job, Machine
@@ -16,6 +16,7 @@ from gantrysim.env.friction import SUMS, fit, model_torques
 from gantrysim.machine.row import Log
 
 from support.episodes import TORQUE, returned, same, seen
+from support.soaked import examples
 
 BRIEF = {"diameter": 36.0, "turns": 1, "thickness": 9.0, "speed": 100.0}
 NOMINAL = {"spread": None, "task": {"friction_change": 1.0, "friction_time": 0.6}}
@@ -65,7 +66,7 @@ def test_the_model_of_friction_turns_as_bristles_do():
 
 
 @given(levels=st.tuples(*[st.floats(0.1, 4.0)] * 2), tau=st.floats(0.01, 0.5), count=st.integers(1, 200))
-@settings(deadline=None, max_examples=20)
+@examples(20)
 def test_the_level_is_that_of_weighted_least_squares(levels, tau, count):
     random = np.random.default_rng(count)
     log = Log.of(count, 2)

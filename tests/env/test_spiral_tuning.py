@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
@@ -24,6 +24,7 @@ from gantrysim.servo.servo import Servo
 
 from support.costs import expected_cost
 from support.episodes import returned, same, seen
+from support.soaked import examples
 
 TASK = "gantrysim/SpiralTuning-v0"
 BRIEF = {"diameter": 28.0, "turns": 4, "thickness": 2.0, "speed": 300.0}
@@ -51,8 +52,9 @@ def table(machine, servo):
     return SensitivityTable(machine, servo, RANGE)
 
 
+@pytest.mark.soak
 @given(kp=st.integers(-16, 16), kd=st.integers(-16, 16), eighths=st.integers(0, 32), off=st.floats(-0.06, 0.06))
-@settings(deadline=None, max_examples=20)
+@examples(20)
 def test_the_cost_is_that_of_the_loops_with_the_payload_in_eighths_of_a_kilogram(
     machine, servo, table, kp, kd, eighths, off
 ):
@@ -62,6 +64,7 @@ def test_the_cost_is_that_of_the_loops_with_the_payload_in_eighths_of_a_kilogram
     assert table.cost(actions, payloads) == pytest.approx(exact, abs=1e-3)
 
 
+@pytest.mark.soak
 def test_the_gains_that_keep_the_limit_with_each_payload_exceed_it_little_within_a_step_of_the_table(
     machine, servo, table
 ):
@@ -73,6 +76,7 @@ def test_the_gains_that_keep_the_limit_with_each_payload_exceed_it_little_within
             assert expected_cost(machine, servo, kp, kd, max(payload + off, 0.0)) < 0.15
 
 
+@pytest.mark.soak
 def test_the_heaviest_payload_asks_for_a_third_of_kp_and_more_feedforward(machine, table):
     kp = RANGE ** _stiffest(table, np.array([0.0, 4.0]))[:, 0]
     assert kp[1] / kp[0] == pytest.approx(0.3, abs=0.03)
@@ -144,7 +148,7 @@ def test_gains_stay_within_their_range():
     tau=st.floats(0.02, 0.3),
     count=st.integers(20, 300),
 )
-@settings(deadline=None, max_examples=20)
+@examples(20)
 def test_the_ratio_is_that_of_weighted_least_squares_of_filtered_torques(level, friction, tau, count):
     random = np.random.default_rng(count)
     nominal = Nominal(inertia=np.array([17.0, 24.0]), viscous=np.array([0.02, 0.03]))
@@ -243,6 +247,7 @@ def test_a_fault_costs_the_most_that_it_prevents():
     assert info["reward_fault"] == -1.5 * (1 + (setpoints - sent) // 20)
 
 
+@pytest.mark.soak
 def test_a_schedule_beats_fixed_gains():
     env = SpiralTuningEnv(**BRIEF)
     seeds, schedule = range(500, 505), gain_schedule(env, 0.2)
@@ -252,6 +257,7 @@ def test_a_schedule_beats_fixed_gains():
         assert adaptive < 0.8 * -sum(returned(fixed, seed, hold)[0] for seed in seeds)
 
 
+@pytest.mark.soak
 def test_the_vector_environment_equals_the_scalar_one_past_the_change_and_the_end():
     scalar = SyncVectorEnv([lambda: gymnasium.make(TASK, **BRIEF) for _ in range(3)])
     native = gymnasium.make_vec(TASK, num_envs=3, threads=2, **BRIEF)

@@ -6,7 +6,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo, simulate
@@ -17,6 +17,7 @@ from gantrysim.servo.laws import LAW_PARAMETERS
 from gantrysim.servo.stability.motion import Motion
 
 from support.runs import ramp
+from support.soaked import examples
 
 PERIOD = 5e-4
 SERVO = {
@@ -132,7 +133,7 @@ gains = st.floats(-10, 10).map(lambda x: round(x, 6))
 )
 @pytest.mark.parametrize("name", ["trio", "linuxcnc", "linuxcnc-ini", "softmc"])
 @given(values=st.lists(gains, min_size=10, max_size=10))
-@settings(max_examples=25)
+@examples(25)
 def test_exported_and_imported_gains_give_the_same_torque(name, values):
     machine = built()
     some = iter(values)
@@ -163,7 +164,7 @@ def around_velocity_drives():
 
 @pytest.mark.parametrize("name", ["trio", "linuxcnc", "linuxcnc-ini", "softmc"])
 @given(values=st.lists(gains, min_size=10, max_size=10))
-@settings(max_examples=15)
+@examples(15)
 def test_gains_of_velocity_drives_come_back(name, values):
     machine = built()
     some = iter(values)

@@ -13,6 +13,7 @@ from gantrysim.exchange.tables import export, load_record
 from gantrysim.record.named_columns import columns
 
 from support.jobs import job_run
+from support.soaked import suite_runs
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def read_mcap(file):
 READERS = {"csv": read_csv, "mat": read_mat, "parquet": read_parquet, "mcap": read_mcap}
 
 
-@pytest.mark.parametrize("kind", READERS)
+@pytest.mark.parametrize("kind", suite_runs(READERS, 0, 1))
 def test_every_value_comes_back_as_it_was(run, tmp_path, kind):
     if kind in ("parquet", "mcap"):
         pytest.importorskip({"parquet": "pyarrow"}.get(kind, kind))

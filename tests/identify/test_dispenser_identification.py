@@ -29,7 +29,8 @@ def identified(tmp_path, text, **options):
 CASES = [(kind, fluid, seed) for seed in range(5) for kind in KINDS for fluid in FLUIDS]
 
 
-@pytest.mark.parametrize(("kind", "fluid", "seed"), suite_runs(CASES, 2, 5))
+@pytest.mark.soak
+@pytest.mark.parametrize(("kind", "fluid", "seed"), suite_runs(CASES, 2))
 def test_intervals_hold_the_truth(tmp_path, kind, fluid, seed):
     """Each by itself may miss one of its values; `test_coverage` counts them all."""
     data = dispenser_data(kind, fluid, seed)
@@ -218,6 +219,7 @@ def test_experiments_are_told_apart_by_their_names(tmp_path):
     assert any("include those of the scale" in note for note in found.notes)
 
 
+@pytest.mark.soak
 def test_a_pump_s_slip_needs_two_needles(tmp_path):
     """With one needle and a Newtonian glue only D / (1 + g / C) shows: pressure and flow are proportional."""
     lines = ["pump speed [rpm],length [mm],time [s],mass [mg],pressure [kPa]"]

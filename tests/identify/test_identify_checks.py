@@ -38,9 +38,9 @@ def checks(found):
     [
         pytest.param("stribeck", 2, "", marks=pytest.mark.soak),
         ("load", 1004, "friction by load"),
-        ("quadratic", 1005, "drag by the square of the speed"),
-        ("position", 1003, "friction over the travel"),
-        ("cogging", 1015, "cogging of"),
+        pytest.param("quadratic", 1005, "drag by the square of the speed", marks=pytest.mark.soak),
+        pytest.param("position", 1003, "friction over the travel", marks=pytest.mark.soak),
+        pytest.param("cogging", 1015, "cogging of", marks=pytest.mark.soak),
         pytest.param("backlash", 1016, "", marks=pytest.mark.soak),
     ],
 )
@@ -175,6 +175,7 @@ def test_the_balance_of_the_torque_is_what_a_wrong_inertia_leaves(share, wrong, 
     assert torque_balance(fit, PERIOD).change == pytest.approx((1 - wrong) * model.inertia, abs=1e-3 * model.inertia)
 
 
+@pytest.mark.soak
 def test_a_doubtful_log_is_not_identified():
     made = random_log(1, "coulomb", slip="clock drift", period=PERIOD)
     found = identify(MACHINE, made.log)
@@ -188,6 +189,7 @@ def test_a_doubtful_log_is_not_identified():
     assert not found.notes[-1].endswith("holds")
 
 
+@pytest.mark.soak
 def test_static_friction_that_the_log_does_not_show_is_not_identified():
     """Of another Stribeck speed; before, it was 0.0201 ± 0.0004 N·m for 0.0299."""
     made = random_log(56, period=PERIOD)
@@ -213,6 +215,7 @@ def test_a_log_that_excites_too_little_is_refused():
         identify(MACHINE, replace(log, position=30 * sawtooth))
 
 
+@pytest.mark.soak
 def test_a_drive_of_another_machine_is_told_by_the_ratio():
     made = random_log(3, "coulomb", slip="", period=PERIOD)
     found = identify(MACHINE, replace(made.log, torque=made.log.torque / 2.6))

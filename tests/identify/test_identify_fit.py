@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_discrete_are
@@ -31,6 +31,7 @@ from gantrysim.machine.motors import BRISTLE_STIFFNESS
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 
+from support.soaked import examples, suite_runs
 from support.two_masses import Plant, follow
 
 PERIOD = 1e-3
@@ -96,7 +97,7 @@ def plant_log(machine, setpoints, plant):
     return Log(("y",), PERIOD, 1e3 * rows[:, :1], torque[:, None], held=True)
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(
     inertia=st.floats(1e-6, 1e-4),
     viscous=st.floats(1e-6, 1e-4),
@@ -122,7 +123,7 @@ def test_the_regression_refuses_an_axis_at_rest():
         regression(np.zeros(5000), np.zeros(5000), PERIOD)
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(noise=st.floats(0.1, 100.0), factor=st.floats(0.3, 3.0), share=st.floats(0.05, 0.9))
 def test_the_gain_is_that_of_the_riccati_equation(noise, factor, share):
     model = replace(MODEL, share=share)
@@ -221,7 +222,8 @@ def test_the_friction_of_a_fit_is_found_again_by_the_directions_that_it_predicts
     assert found == pytest.approx(friction, rel=0.01)
 
 
-@pytest.mark.parametrize("filled", [False, True])
+@pytest.mark.soak
+@pytest.mark.parametrize("filled", suite_runs([False, True], 1))
 def test_a_motion_through_a_backlash_leaves_hardly_a_residual(machine, filled):
     """Two masses with a gap between them, driven to and fro through it, by the equations of `identify.model`."""
     gap = 0.05
@@ -317,6 +319,7 @@ def test_an_independent_integration_is_identified(machine, setpoints):
     assert accepted.static == pytest.approx(fitted.static if values["static"].identified else ratio * accepted.coulomb)
 
 
+@pytest.mark.soak
 def test_a_log_of_the_motor_s_torque_shows_no_fast_mode(machine, setpoints):
     """At 1 ms its course between samples is not known: friction and inertia are found, the mode is not told."""
     plant = plant_of(machine)
@@ -358,6 +361,7 @@ def test_a_second_mode_is_recognised_as_a_wrong_structure(machine, setpoints):
     assert re.search(r"most at (1[0-6]\d) Hz", text), text
 
 
+@pytest.mark.soak
 def test_a_mode_that_the_table_has_elsewhere_is_fitted(machine, setpoints):
     """At 211 Hz, where the table's at 604 Hz is beyond the 500 Hz that a log at 1 ms shows."""
     plant = plant_of(machine, k=(2 * math.pi * 211) ** 2 * 0.3 * 0.7 * 15.0, motor=0.7 * 15.0, load=0.3 * 15.0)
@@ -400,6 +404,7 @@ def test_what_cannot_be_fitted_is_refused(machine, setpoints):
         identify(Machine("delta"), log)
 
 
+@pytest.mark.soak
 def test_a_perturbed_machine_is_found_and_written(machine, setpoints, tmp_path):
     """A random machine within the study's tolerances, its log with counts, torque noise and a servo delay."""
     random = np.random.default_rng(5)

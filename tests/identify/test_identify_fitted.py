@@ -10,6 +10,8 @@ from gantrysim.identify.model import model_of
 from gantrysim.identify.whole_run import fitted_machine
 from gantrysim.machine.motors import spring_of
 
+from support.soaked import suite_runs
+
 # factors on the nominal values
 CHANGED = {"inertia": 1.15, "share": 0.9, "stiffness": 0.7, "damping": 1.4, "viscous": 1.3, "coulomb": 1.2}
 
@@ -22,7 +24,7 @@ def fit_of(machine, index, **factors):
     return SimpleNamespace(axis=axis.name, unit=axis.unit, nominal=nominal, model=model, shows_mode=True)
 
 
-@pytest.mark.parametrize("inertia", [1.15, 0.97])
+@pytest.mark.parametrize("inertia", suite_runs([1.15, 0.97], 0))
 @pytest.mark.parametrize(("name", "axis"), [("xy", "x"), ("xy", "y"), ("xyzr", "r"), ("stage", "th")])
 def test_the_machine_has_the_inertia_mode_and_friction_that_were_fitted(name, axis, inertia):
     machine = Machine(name)

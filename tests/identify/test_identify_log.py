@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import savemat
 
@@ -12,6 +12,8 @@ from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.exchange.tables import export
 from gantrysim.identify.log import Log, Rows, read_log
+
+from support.soaked import examples
 
 MACHINE = Machine("xy")
 N = 200
@@ -93,7 +95,7 @@ def test_a_table_that_export_writes_is_a_log(tmp_path):
     np.testing.assert_allclose(log.torque, expected.torque, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(period=st.floats(1e-5, 1e-2), size=st.floats(1e-6, 1e3), held=st.booleans())
 def test_a_log_is_read_as_it_was_saved(tmp_path_factory, period, size, held):
     _, torque, position = columns()

@@ -15,6 +15,7 @@ from gantrysim.identify.whole_run import fitted_machine, whole_run
 from gantrysim.machine.axis import VISCOUS_DIFFERENCE, facts
 
 from support.identification_logs import AXIS, MACHINE, confidently_wrong, random_log
+from support.soaked import suite_runs
 
 PERIOD = 1e-3
 
@@ -35,7 +36,7 @@ def test_filters_end_with_their_piece():
     assert np.flatnonzero(mask).tolist() == [*range(61, 79), *range(121, 129)]
 
 
-@pytest.mark.parametrize("law", ["coulomb", "lugre"])
+@pytest.mark.parametrize("law", suite_runs(["coulomb", "lugre"], 1))
 def test_a_log_may_begin_in_motion(law):
     made = random_log(61, law, slip="", noise=1e-3, period=PERIOD, in_motion=True)
     first = made.log.position[:20, 0]
@@ -52,6 +53,7 @@ def test_a_log_may_begin_in_motion(law):
     assert run.repeats
 
 
+@pytest.mark.soak
 def test_rows_that_are_missing_begin_a_new_piece():
     """The machine that is found is the one of the whole log; without the pieces there is no such log."""
     made = random_log(61, "coulomb", slip="", noise=1e-3, period=PERIOD)
@@ -76,7 +78,8 @@ def test_rows_that_are_missing_begin_a_new_piece():
         identify(MACHINE, replace(cut, starts=(0,)))
 
 
-@pytest.mark.parametrize("share", [0.3, -0.25])
+@pytest.mark.soak
+@pytest.mark.parametrize("share", suite_runs([0.3, -0.25], 0))
 def test_viscous_friction_by_direction_is_found_and_carried(share):
     made = random_log(62, "coulomb", slip="", noise=1e-3, period=PERIOD, uneven=share)
     found = identify(MACHINE, made.log)
@@ -108,7 +111,7 @@ def sliding(torque_of, travel=60.0, seconds=12.0, stroke=0.8):
     return TorqueRegression.of(model, PERIOD, position, torque, held=False)
 
 
-@pytest.mark.parametrize("periods", [12, 5, 3.2])
+@pytest.mark.parametrize("periods", suite_runs([12, 5, 3.2], 1))
 def test_a_wave_over_the_travel_is_taken_that_repeats(periods):
     length = 60.0 / periods
     regression = sliding(lambda x, v: 0.004 * np.sin(2 * np.pi * x / length))
@@ -120,11 +123,14 @@ def test_a_wave_over_the_travel_is_taken_that_repeats(periods):
 
 @pytest.mark.parametrize(
     "bump",
-    [
-        lambda x, v: 0.004 * np.sin(2 * np.pi * x / 50.0),  # not even twice in the travel
-        lambda x, v: 0.006 * np.exp(-(((x - 40.0) / 4.0) ** 2)) * np.sign(v),  # a tight place
-        lambda x, v: 0.004 * np.sign(v) * np.clip((x - 30.0) / 30.0, 0, 1),  # a guide that rises
-    ],
+    suite_runs(
+        [
+            lambda x, v: 0.004 * np.sin(2 * np.pi * x / 50.0),  # not even twice in the travel
+            lambda x, v: 0.006 * np.exp(-(((x - 40.0) / 4.0) ** 2)) * np.sign(v),  # a tight place
+            lambda x, v: 0.004 * np.sign(v) * np.clip((x - 30.0) / 30.0, 0, 1),  # a guide that rises
+        ],
+        1,
+    ),
 )
 def test_what_does_not_repeat_over_the_travel_is_no_wave(bump):
     terms, _, _ = chosen_terms(sliding(bump), 5.0)
@@ -142,7 +148,7 @@ def law_of(seed, law):
 
 
 # whose torque takes effect half a sample late, of 2, 2 and 1 ms; the last has a mode at 336 Hz
-@pytest.mark.parametrize(("seed", "law"), [(1028, "lugre"), (1034, "backlash"), (1094, "load")])
+@pytest.mark.parametrize(("seed", "law"), suite_runs([(1028, "lugre"), (1034, "backlash"), (1094, "load")], 1))
 def test_a_late_torque_and_a_spring_do_not_bend_coulomb_friction(seed, law):
     _, values, truth = law_of(seed, law)
     assert values["coulomb"] == pytest.approx(truth["coulomb"], rel=0.06)
@@ -161,6 +167,7 @@ def test_direction_comes_before_any_wave():
     assert solution.values[-1] == pytest.approx(-3e-5, rel=0.05)
 
 
+@pytest.mark.soak
 def test_a_log_without_braking_shows_no_friction_by_load():
     """Where the torque never brakes, |T| times the direction is the torque itself, and would explain all of it."""
     regression = sliding(lambda x, v: 0.004 * np.sin(2 * np.pi * x / 12.0), stroke=6.0)

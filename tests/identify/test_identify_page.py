@@ -21,6 +21,9 @@ from gantrysim.identify.whole_run import WholeRun
 from gantrysim.report.plots.style import sheet
 
 from support.pages import Page
+from support.soaked import suite_runs
+
+pytestmark = pytest.mark.usefixtures("blank_pictures")
 
 MACHINE = Machine("xy")
 PERIOD = 1e-3
@@ -95,7 +98,7 @@ def test_the_course_of_a_log_is_that_of_its_equation():
     assert np.array_equal(course.residual[100:], fit_of().innovations[100:])
 
 
-@pytest.mark.parametrize("known", [0.0, 0.003, -0.01])
+@pytest.mark.parametrize("known", suite_runs([0.0, 0.003, -0.01], 1))
 def test_the_constant_torque_is_that_of_the_log(known):
     """Whatever constant torque the machine's table has."""
     sliding = TorqueRegression.of(replace(MODEL, offset=known), PERIOD, POSITION, TORQUE, held=False)

@@ -10,12 +10,14 @@ from gantrysim.controllers.trio import Basic as TrioBasic
 from gantrysim.identify.plan import excitation, strokes
 from gantrysim.machine.travel import travel_edit
 
+from support.soaked import suite_runs
+
 PERIOD = 1e-3
 READERS = {"trio": TrioBasic, "softmc": McBasic, "linuxcnc": linuxcnc.Program}
 
 
 @pytest.mark.parametrize("controller", READERS)
-@pytest.mark.parametrize("name", ["xy", "xyz"])
+@pytest.mark.parametrize("name", suite_runs(["xy", "xyz"], 0))
 def test_the_program_runs_on_its_controller(controller, name):
     machine = Machine(name)
     text, suffix = excitation(machine, controller)

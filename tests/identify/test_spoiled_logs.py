@@ -13,6 +13,7 @@ from gantrysim.identify.checks.units import relation_of
 from gantrysim.identify.identification import identify
 
 from support.identification_logs import LAWS, MACHINE, random_log
+from support.soaked import suite_runs
 from support.spoiled_logs import spoiled
 
 # refused before the fit: what the line says beside the axis
@@ -58,12 +59,7 @@ def test_a_spoiled_log_is_refused_by_its_error(name):
         identify(MACHINE, spoiled(name, SEED, LAWS[SEED]))
 
 
-SLOW = "position smoothed over 9 samples"
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.soak) if name == SLOW else name for name in DOUBTED]
-)
+@pytest.mark.parametrize("name", suite_runs(list(DOUBTED), 0))
 def test_a_fit_to_a_spoiled_log_is_not_identified_by_its_error(name):
     identification = identify(MACHINE, spoiled(name, DOUBTED_SEED, LAWS[DOUBTED_SEED]))
     assert not any(value.identified for value in identification.values)

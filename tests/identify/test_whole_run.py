@@ -12,6 +12,7 @@ from gantrysim.identify.whole_run import LARGEST_ADDED_TORQUE, _compared_runs, _
 from support.identification_logs import MACHINE, random_log
 
 
+@pytest.mark.soak
 def test_the_fitted_machine_repeats_the_run_and_the_nominal_one_does_not():
     log = random_log(1008, "coulomb", slip="", noise=2e-3, period=1e-3).log
     found = identify(MACHINE, log)

@@ -11,11 +11,11 @@ from gantrysim.base.errors import InputError
 from gantrysim.job import causes as module
 from gantrysim.job.causes import CAUSES, HEADS, Cause, Setup
 from gantrysim.job.ideal import FINE_PERIOD
-from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS
 from gantrysim.record.setpoints import Setpoints
 
 from support.runs import PERIOD, plain
+from support.soaked import of_jobs, suite_runs
 
 EXACT = 1e-9  # [mm]
 RODS = 2e-5  # what the equality constraints of a closed chain leave [mm]
@@ -45,7 +45,7 @@ def by_name(causes):
     "none",
     "1e-9 mm; 2e-5 mm behind the rods of the delta robot",
 )
-@pytest.mark.parametrize("name", builtin_jobs())
+@pytest.mark.parametrize("name", of_jobs("an225", "delta-arc", "stage-outline"))
 def test_every_cause_is_gone_from_the_link_in_which_it_acts(name):
     job = Job.load(name)
     setup = Setup(job.built_machine, job.built_servo, job.setpoints, job.simulation.physics_step)
@@ -164,8 +164,8 @@ def response(axis, servo, a, w, period, lag):
     "sampled loop with and without it, in closed form",
     "3 %",
 )
-@pytest.mark.parametrize("feedforward", [0.0, 1.0])
-@pytest.mark.parametrize("speed", [100.0, 200.0])
+@pytest.mark.parametrize("feedforward", suite_runs([0.0, 1.0], 1))
+@pytest.mark.parametrize("speed", suite_runs([100.0, 200.0], 0))
 def test_winding_and_sampling_are_worth_their_lag_on_a_circle(rigid, circle, feedforward, speed):
     """The steady radial error of two axes that lag by the winding's L/R, and by the hold and the difference."""
     machine, radius = rigid(), 20.0
@@ -306,7 +306,7 @@ def test_progress_is_the_share_of_the_runs(found):
     "the job",
     "0.1 µm",
 )
-@pytest.mark.parametrize("name", ["fanuc-conical", "softmc-arc", "stage-outline"])
+@pytest.mark.parametrize("name", suite_runs(["fanuc-conical", "softmc-arc", "stage-outline"], 0))
 def test_scatter_of_the_contour_error_is_below_what_counts_as_worth(name):
     job = Job.load(name)
     setup = Setup(job.built_machine, job.built_servo, job.setpoints)

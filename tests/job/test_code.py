@@ -14,6 +14,7 @@ from gantrysim.study import Case
 
 from support import own_laws
 from support.films import saved
+from support.soaked import suite_runs
 from support.studies import SHORT
 
 CODE = f"""
@@ -105,7 +106,7 @@ def test_every_command_refuses_a_stranger_s_code_in_one_line(
     assert not list((tmp_path / "here").iterdir())
 
 
-@pytest.mark.parametrize("name", sorted(COMMANDS.keys() - {"view"}))
+@pytest.mark.parametrize("name", suite_runs(sorted(COMMANDS.keys() - {"view"}), 0, 3, 6, 9))
 def test_every_command_takes_the_permission(either, code, tmp_path, gantrysim_command, monkeypatch, name):
     """As far as the job's own: a study and the tuner would take long."""
     if name == "servo file" and code is CONTROLLER:

@@ -8,6 +8,8 @@ from gantrysim.base import memory
 from gantrysim.cli.main import app
 from gantrysim.job import cost
 
+from support.soaked import suite_runs
+
 
 @pytest.mark.parametrize("turns", [2, 4])
 def test_the_time_of_a_job_is_that_of_its_first_ticks_times_their_number(monkeypatch, turns):
@@ -25,7 +27,7 @@ def test_the_time_of_a_job_is_that_of_its_first_ticks_times_their_number(monkeyp
     assert clock[0] <= 10.0  # of ticks that are run to see
 
 
-@pytest.mark.parametrize(("seconds", "said"), [(12.4, "about 12 s"), (150.2, "about 3 min")])
+@pytest.mark.parametrize(("seconds", "said"), suite_runs([(12.4, "about 12 s"), (150.2, "about 3 min")], 0))
 def test_a_long_run_says_how_long_it_takes(tmp_path, monkeypatch, seconds, said):
     monkeypatch.setattr(cost, "computing_time", lambda job: seconds)
     arguments = [

@@ -4,7 +4,7 @@ import functools
 import tomllib
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.job.job import Job
@@ -12,6 +12,7 @@ from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.overrides import known_keys
 
 from support.extremes import VALUES, attempt
+from support.soaked import examples, suite_runs
 
 QUICK = ("an225", "fanuc-spiral", "linuxcnc-flanges", "softmc-helical", "stage-outline", "trio-basic")
 loaded = functools.cache(Job.load)
@@ -21,9 +22,9 @@ def keys_of(job):
     return known_keys(tomllib.loads(job_text(job)))
 
 
-@pytest.mark.parametrize("job", QUICK)
+@pytest.mark.parametrize("job", suite_runs(QUICK, 0, 3))
 @given(data=st.data())
-@settings(max_examples=8)
+@examples(8)
 def test_some_extreme_values(job, data):
     key = data.draw(st.sampled_from(keys_of(job)))
     attempt(job, loaded(job), key, data.draw(st.sampled_from(VALUES)))

@@ -18,6 +18,8 @@ from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.report.rows import bead_rows
 from gantrysim.results.glue import BeadWidth
 
+from support.soaked import suite_runs
+
 PARTS = sorted((Path(__file__).parent / "parts").iterdir())
 FLAT = "G21 G90 G17 G64 P0.05\nF1200\nG1 X30\nG1 Y20\nG1 X0\nG1 Y0\nM2\n"
 RAISED = FLAT.replace("F1200", "G0 Z5\nG1 Z0 F1200")
@@ -64,7 +66,7 @@ def test_the_table_of_machines_is_that_of_the_models_smallest_first():
     assert [smallest_machine(axes) for axes in (("x", "y"), ("x", "z"), ("x", "r"))] == ["xy", "xyz", "xyzr"]
 
 
-@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
+@pytest.mark.parametrize("part", suite_runs(PARTS, 0), ids=lambda part: part.name)
 def test_ordinary_files_check_and_run_with_glue(part, gantrysim_command, tmp_path):
     status, printed, _ = gantrysim_command("check", part)
     assert status == 0

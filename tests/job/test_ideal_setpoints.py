@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
@@ -17,6 +17,7 @@ from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints, Supervision
 
 from support.runs import PERIOD, ramp
+from support.soaked import examples
 
 ON_THE_PATH = 1e-9  # [mm]
 PROGRESS = 1e-6  # of a foot where it does not jump [mm]
@@ -95,7 +96,7 @@ def test_the_slides_bring_the_nozzle_back_whatever_the_rotary_axes_do(name):
 
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(-0.5, 8)), min_size=1, max_size=60))
-@settings(max_examples=100)
+@examples(100)
 def test_feet_are_spread_where_they_hurry_and_nowhere_else(moves):
     """Moves: steps of a command along a line, and those of its foot in units of them."""
     steps = np.array([step for step, _ in moves])
@@ -150,7 +151,7 @@ def test_a_command_that_starts_from_rest_has_no_pulse_of_acceleration(xy):
 
 
 @given(st.lists(st.floats(-1, 1), min_size=3, max_size=40), st.floats(0.1, 20))
-@settings(max_examples=60)
+@examples(60)
 def test_finely_sampled_setpoints_keep_to_the_machine_s_travel_and_speed(moves, size):
     step = np.clip(np.array(moves) * size, -1.0, 1.0)  # [mm], at the limit of 1000 mm/s in a tick of 1 ms
     x = np.clip(np.cumsum(step), -150, 150)

@@ -91,6 +91,7 @@ def test_a_refusal_of_ones_own_law_names_a_lower_frequency_that_keeps_a_margin(g
     assert least[0] >= 1.5 > least[1]
 
 
+@pytest.mark.soak
 def test_a_job_without_a_loop_of_enough_margin_is_refused_with_what_has_one():
     """Nothing of its servo's gains is given, so none can be left out to have it derived."""
     with pytest.raises(InputError, match=r"use integral_time = .* each tried") as caught:

@@ -42,6 +42,7 @@ def test_stick_slip_scatters_by_more_than_the_digits_of_one_run(scatter):
     assert scatter.counts == {"x": pytest.approx(1e-3), "y": pytest.approx(1e-3)}
 
 
+@pytest.mark.soak
 def test_figures_at_the_default_step_are_those_at_a_quarter_of_it(job, scatter):
     """Means over the zeros: within three standard errors and the two per cent that docs/validation.md states."""
     fine = scatter_of(Job.load("trio-basic", ["simulation.physics_step=6.25e-5"]), 10, seed=1)
@@ -71,6 +72,7 @@ def test_the_figures_are_those_of_the_runs(job):
     assert found.figures["contour_rms_um"].std == pytest.approx(np.std(contours, ddof=1), rel=1e-6)
 
 
+@pytest.mark.soak
 def test_the_same_seed_gives_the_same_scatter_and_another_one_another(job, scatter):
     assert scatter_of(job, 10, seed=1) == scatter
     assert scatter_of(job, 10, seed=2).figures["contour_rms_um"] != scatter.figures["contour_rms_um"]

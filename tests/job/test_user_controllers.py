@@ -179,12 +179,14 @@ def test_causes_studies_and_cases(folder):
     assert measure(Case.of(job, {"program.pitch": 6.0}))["path_length_mm"] == pytest.approx(72.0, rel=1e-2)
 
 
+@pytest.mark.soak
 def test_a_study_in_other_processes(folder, tmp_path):
     study = SpeedStudy(job_of(folder, overrides=QUICK), tolerance=0.05)
     rows = run_study(study, tmp_path / "out", workers=2).rows
     assert {row["status"] for row in rows if row["speed_mm_s"] <= 40.0} == {"ok"}
 
 
+@pytest.mark.soak
 def test_the_tuner(folder, tmp_path):
     study = TuningStudy(job_of(folder, overrides=QUICK), budget=8, robust=1, guards=2, unseen=1, seed=1)
     assert any(row["status"] == "ok" for row in run_study(study, tmp_path / "out", workers=1).rows)

@@ -172,6 +172,7 @@ def test_a_reload_and_a_second_tab_show_the_same(page):
     assert page.browser.run("return document.querySelector('.overlay') === null")
 
 
+@pytest.mark.soak
 def test_the_cursor_marks_the_line_and_a_line_its_path(page):
     page.changed(DROP, "part.ngc", TEXT)
     page.browser.run("document.querySelector('.strips').focus()")
@@ -184,6 +185,7 @@ def test_the_cursor_marks_the_line_and_a_line_its_path(page):
     assert page.browser.text('.readout output[data-name="time"]') != "NaN s"
 
 
+@pytest.mark.soak
 def test_the_3d_view_follows_the_cursor_and_the_job_from_where_it_was_turned_to(page):
     surface = ".space .surface"
     page.changed(DROP, "part.ngc", TEXT)
@@ -277,6 +279,7 @@ def test_a_screen_reader_is_told_every_control_and_the_verdict(page):
     assert page.browser.run("return window.seen") == 2
 
 
+@pytest.mark.soak
 def test_every_target_is_large_enough_for_a_finger(page):
     script = """
     const targets = [...document.querySelectorAll("button, select, input, summary, a[href], textarea, [tabindex='0']")];
@@ -300,6 +303,7 @@ def touch(page, begin, end):
         page.browser.settle()
 
 
+@pytest.mark.soak
 def test_a_finger_moves_a_slider_the_part_and_the_cursor(page):
     page.browser.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
     try:

@@ -5,7 +5,7 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -18,6 +18,7 @@ from gantrysim.record.setpoints import Setpoints, Supervision
 from gantrysim.servo.stability.margins import margins_of
 
 from support.runs import PERIOD, STEP, plain
+from support.soaked import examples
 
 EXACT = 1e-9  # [mm or deg]
 # radius and height of the hinges, length and angle of the arms at home, radius and height of the rods' joints
@@ -75,7 +76,7 @@ def test_at_home_the_nozzle_is_over_the_middle_at_426_mm(delta):
     "each other",
     "1e-9 mm or deg",
 )
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(position=POSITION)
 def test_inverse_and_forward_kinematics_undo_each_other(delta, position):
     axes = delta.kinematics.inverse(np.array([position]))

@@ -9,7 +9,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Job, Machine, simulate
@@ -23,6 +23,7 @@ from gantrysim.metrics.budget import GEOMETRY, Budget
 from gantrysim.record.run import Run
 
 from support.runs import PERIOD, plain, ramp
+from support.soaked import examples
 
 EXACT = 1e-12  # of a displacement [mm]
 SUM = 1e-12  # of the links against the whole [mm]
@@ -81,7 +82,7 @@ def test_a_warm_screw_grows_from_its_fixed_end(xy):
 
 
 @given(b=st.floats(1e-4, 0.5), turns=st.lists(st.floats(-40, 40), min_size=2, max_size=8), blocks=st.integers(1, 9))
-@settings(deadline=None, max_examples=60)
+@examples(60)
 def test_play_is_lost_at_each_reversal_and_no_more(b, turns, blocks):
     xy = machine_xy()
     x = np.concatenate([np.linspace(a, c, 50) for a, c in zip([0.0, *turns], turns, strict=False)])
@@ -267,7 +268,7 @@ sizes = st.floats(-0.5, 0.5)
         play=st.floats(0, 0.5), periodic_error=st.floats(0, 0.5), racking=st.floats(0, 0.5),
     ),
 )  # fmt: skip
-@settings(deadline=None, max_examples=20)
+@examples(20)
 def test_errors_of_size_zero_change_no_bit_and_half_of_them_is_half(motor, error):
     xy, motor = machine_xy(), np.array(motor)
     names = [*xy.with_geometry(error).kinematic_errors.columns, "warming"]

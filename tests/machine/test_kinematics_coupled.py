@@ -5,7 +5,7 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo, simulate
@@ -17,6 +17,7 @@ from gantrysim.servo.stability.margins import margins_of
 
 from support.mechanisms import COREXY, corexy, tandem
 from support.runs import PERIOD, plain
+from support.soaked import examples
 
 EXACT = 1e-9  # [mm or deg]
 PULLEY = 10.0  # [mm]
@@ -40,7 +41,7 @@ def half_circle(speed=150.0):
     ).setpoints(PERIOD)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(x=st.floats(-150, 150), y=st.floats(-150, 150))
 def test_corexy_motors_turn_by_sum_and_difference(belts, x, y):
     assert belts.kinematics.names == ("x", "y")

@@ -79,7 +79,8 @@ class Studio:
         return found
 
 
-@pytest.fixture(scope="module", params=builtin_models())
+# a robot and a gantry
+@pytest.fixture(scope="module", params=suite_runs(builtin_models(), 0, 3))
 def studio(request):
     studio = Studio(Machine(request.param))
     studio.place(np.zeros(len(studio.machine.axes)))
@@ -228,7 +229,7 @@ def test_a_machines_digest_does_not_depend_on_its_looks(rigid):
     assert Machine(machine.source).physics.ncam == 1
 
 
-@pytest.mark.parametrize("name", suite_runs(builtin_models(), 0, 1))
+@pytest.mark.parametrize("name", suite_runs(builtin_models(), 0))
 def test_close_up_shadows_are_sharp_and_follow_the_tip(name):
     machine = Machine(name)
     low, high = np.array([axis.travel for axis in machine.axes]).T

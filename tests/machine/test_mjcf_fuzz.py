@@ -9,7 +9,7 @@ from importlib.resources import as_file, files
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo, simulate
@@ -18,6 +18,8 @@ from gantrysim.machine.quiet import quiet
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.stability.margins import margins_of
+
+from support.soaked import examples
 
 VALUES = ("0", "-1", "nan", "inf", "1e300", "1e-300", "", "abc", "1 2", "0 0 0", "1e15", "-0.001", "1e5", "x", "none")
 OPTIONS = ("timestep", "gravity", "integrator", "solver", "iterations", "tolerance", "density", "viscosity")
@@ -97,7 +99,7 @@ def test_the_undamaged_model_is_simulated(folder, name):
 
 def test_some_damage(folder):
     @given(seed=st.integers(0, 1 << 30))
-    @settings(max_examples=12)
+    @examples(12)
     def run(seed):
         rng = random.Random(seed)
         attempt(folder, damaged(rng, text_of(rng.choice(("xy", "xyz", "stage")))))

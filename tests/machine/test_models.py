@@ -149,7 +149,7 @@ def test_declared_speed_can_be_reached_with_friction_within_the_bus_voltage(name
 
 
 @pytest.mark.parametrize("name", MACHINES)
-@pytest.mark.parametrize("hold", suite_runs([1, 20, 400], 0, 2))
+@pytest.mark.parametrize("hold", suite_runs([1, 20, 400], 0))
 def test_quasi_random_control_raises_no_warning(name, hold):
     machine = Machine(name)
     model, data = machine.model, mujoco.MjData(machine.model)
@@ -245,7 +245,7 @@ JOBS = {
     "work and losses",
     "1.2 %",
 )
-@pytest.mark.parametrize("name", JOBS)
+@pytest.mark.parametrize("name", suite_runs(list(JOBS), 0, 1))
 def test_electrical_energy_is_mechanical_work_and_losses(name):
     machine, setpoints, gaps = Machine(name), JOBS[name](), []
     for step in (2.5e-4, 1.25e-4):

@@ -13,6 +13,7 @@ from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.derivation import natural_frequency
 
 from support.runs import PERIOD, ends_of_travel, ramp, round_the_piece, smooth
+from support.soaked import suite_runs
 
 EXACT = 1e-9  # [mm]
 # TH [deg], outline point u [mm], stage S [mm]: the edges of a piece of 100 x 60 mm and the middle of its first corner
@@ -214,7 +215,7 @@ def corners(machine, position):
     return np.concatenate(found)
 
 
-@pytest.mark.parametrize("name", builtin_models())
+@pytest.mark.parametrize("name", suite_runs(builtin_models(), 0, 2))
 def test_the_overview_holds_the_machine_in_every_position_at_4_to_3(name):
     machine = Machine(name)
     camera = machine.model.camera("overview").id

@@ -9,6 +9,7 @@ import pytest
 from gantrysim import Machine
 from gantrysim.machine.geometry import Geometry
 
+from support.soaked import suite_runs
 from support.tables import EXAMPLES
 
 YAW = 0.01  # at the ends of the travel [mm/m]; so small that its square is none of the displacement
@@ -56,7 +57,9 @@ def test_a_bridge_that_yaws_beside_the_nozzle_also_moves_it_across(x, y):
     assert abs(found[0, 0]) == pytest.approx(125.0 * abs(angle), rel=1e-6)
 
 
-@pytest.mark.parametrize("machine", ["xyz", "xyzr", EXAMPLES / "cantilever.toml", EXAMPLES / "stepper.toml"])
+@pytest.mark.parametrize(
+    "machine", suite_runs(["xyz", "xyzr", EXAMPLES / "cantilever.toml", EXAMPLES / "stepper.toml"], 1, 2)
+)
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_the_nozzle_moves_by_the_yaw_times_the_whole_lever(machine, axis):
     """With any centre, on every chain: a bridge, an arm that is guided at its end, and a table under a beam."""

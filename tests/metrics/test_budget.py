@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Job, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import CORNER, DESCRIPTIONS, GEOMETRY, LINKS, Budget
 from gantrysim.paths.arcs import ArcChain
@@ -24,6 +23,7 @@ from gantrysim.record.setpoints import Setpoints
 from support.jobs import job_run
 from support.links import record
 from support.runs import PERIOD, plain
+from support.soaked import examples, of_jobs
 
 SUM = 1e-12  # of the parts against the whole [mm]
 EXACT = 1e-9  # [mm]
@@ -104,7 +104,7 @@ def test_the_remainder_of_the_linear_identity_is_of_second_order(lag):
 
 
 @given(st.floats(0, 2 * math.pi), st.floats(0.01, 0.4), st.sampled_from(["involute", "circle", "cone"]))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_a_part_is_the_displacement_along_the_normal_but_for_second_order(direction, size, name):
     path = {"involute": INVOLUTE, "circle": CIRCLE, "cone": CONE}[name]
     s = inner(path, 301)
@@ -126,7 +126,7 @@ def test_a_part_is_the_displacement_along_the_normal_but_for_second_order(direct
     "contour error",
     "1e-12 mm",
 )
-@pytest.mark.parametrize("name", builtin_jobs())
+@pytest.mark.parametrize("name", of_jobs("an225", "delta-arc", "fanuc-conical", "stage-outline"))
 def test_the_parts_of_every_job_add_up(name):
     run = job_run(name)
     analysis = Analysis(run)

@@ -18,8 +18,9 @@ from gantrysim.paths.pieces import Line
 from support.brute_force_feet import FLAT, Polyline, coupled
 from support.feet_checks import feet_checks
 from support.random_programs import KINDS, random_program
+from support.soaked import suite_runs
 
-SUITE = 2  # programs of each kind in the suite
+SUITE = 1  # program of each kind in the suite
 SOAK = 125  # and in the soak: 2,000 of 16 kinds
 FINE_STEP = 12.5e-6  # [s]
 STEP = 0.01  # of a value, between two physics steps, relative
@@ -115,7 +116,9 @@ def check(kind, numbers):
     assert not wrong, "\n\n".join(f"seed {seed} of {len(numbers)} programs\n{text}" for seed, text in wrong.items())
 
 
-@pytest.mark.parametrize("kind", ["linuxcnc-default", "marlin", "fanuc-blend", "softmc", "trio-basic", "svg"])
+@pytest.mark.parametrize(
+    "kind", suite_runs(["linuxcnc-default", "marlin", "fanuc-blend", "softmc", "trio-basic", "svg"], 0, 2, 5)
+)
 def test_contour_and_links_do_not_depend_on_the_physics_step(kind):
     program = next(p for p in (random_program(kind, k) for k in range(20)) if p.machine == "smooth")
     coarse, fine = (Budget(program.run(step)) for step in (None, FINE_STEP))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brute
 
@@ -12,6 +12,8 @@ from gantrysim.base.errors import InputError
 from gantrysim.metrics import CircularTest, RepeatedPath, Trace, least_squares_circle, minimum_zone, offset_over_length
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil
+
+from support.soaked import examples
 
 EXACT = 1e-9  # [mm]
 ZONE = 1e-8  # [mm], against a search on a grid that is refined
@@ -71,7 +73,7 @@ def test_even_lobes_have_the_double_amplitude(lobes):
     "search on a refined grid",
     "1e-8 mm",
 )
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(8, 200),

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Budget, Machine, Servo, perfect_follower, simulate
@@ -21,6 +21,7 @@ from gantrysim.paths.pieces import Line
 from support.corners import CORNERED_SEEDS, cornered_run
 from support.jobs import job_run
 from support.links import distances, excess, record
+from support.soaked import examples
 
 SUM = 1e-11  # of the parts against the whole [mm]
 STEP = 0.01  # of a link, between two physics steps, relative
@@ -85,7 +86,7 @@ def test_links_of_two_hundred_random_programs_are_displacements_at_any_step(reco
 
 
 @given(st.integers(0, 10**6), st.floats(0.0, 0.3), st.floats(0.0, 0.05))
-@settings(max_examples=25)
+@examples(25)
 def test_links_of_any_traces_about_a_bent_path_are_displacements(seed, rounding, link):
     """Traces that round corners, overshoot and lag, each with a small displacement from the one before."""
     rng = np.random.default_rng(seed)

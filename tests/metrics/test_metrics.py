@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -31,6 +31,7 @@ from gantrysim.record.run import Run
 from gantrysim.record.run_file import Fault
 
 from support.runs import archimedean
+from support.soaked import examples, suite_runs
 
 EXACT = 1e-9  # [mm]
 SPACING = 1e-9  # of an involute followed perfectly [mm]
@@ -143,7 +144,7 @@ def test_spacing_exists_at_all_points_before_the_last_turn(clockwise):
 
 
 @given(st.floats(-4, 4), st.floats(1, 15), st.booleans())
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_a_constant_lateral_error_does_not_change_the_spacing(error, pitch, clockwise):
     """A curve parallel to an involute has the same normals and the same pitch."""
     path = Involute(5 * pitch, pitch, 4, clockwise=clockwise)
@@ -153,6 +154,7 @@ def test_a_constant_lateral_error_does_not_change_the_spacing(error, pitch, cloc
     assert found.distance == pytest.approx(np.full(found.s.size, pitch), abs=SPACING)
 
 
+@pytest.mark.soak
 def test_perfect_follower_of_the_loop_of_one_second_has_the_arcs_spacing():
     spiral = MoveSpiral(120, 4, 10, SPEED, loop_period=1.0)
     angle = SPEED / 60
@@ -186,7 +188,8 @@ def test_spacing_of_archimedes_spiral_is_measured_along_its_own_normal():
     assert min(exact) < 10 - 5e-3
 
 
-@pytest.mark.parametrize("waves", [3.3, 41.7])
+@pytest.mark.soak
+@pytest.mark.parametrize("waves", suite_runs([3.3, 41.7], 0))
 def test_spacing_of_a_wavy_trace_is_measured_along_its_own_normal(waves):
     amplitude = 0.2
 
@@ -218,7 +221,7 @@ def test_a_trace_of_another_pitch_has_that_pitch_for_spacing():
     assert (found.min, found.mean, found.max) == pytest.approx((9.8, 9.8, 9.8), abs=CURVED_TRACE)
 
 
-@pytest.mark.parametrize("drift", [0.03, -0.03])
+@pytest.mark.parametrize("drift", suite_runs([0.03, -0.03], 0))
 def test_spacing_ends_where_the_normal_no_longer_meets_the_trace(drift):
     """A lateral error that grows by `drift` a millimetre leans the normal forwards or back."""
     further = Involute(60, 10, 4.5)
@@ -243,7 +246,7 @@ def test_spacing_ends_where_the_normal_no_longer_meets_the_trace(drift):
 
 
 @given(st.floats(-4, 4), st.tuples(st.floats(-200, 200), st.floats(-200, 200)), st.booleans())
-@settings(max_examples=10, deadline=None)
+@examples(10)
 def test_spacing_is_the_same_for_a_path_moved_turned_and_mirrored(angle, shift, clockwise):
     s = np.linspace(0, INVOLUTE.length, 601)
     wave = 0.3 * np.sin(s / 17)[:, None]
@@ -431,6 +434,7 @@ def test_a_trace_with_a_large_error_stays_on_its_own_turn(off):
     assert found.spacing.max == pytest.approx(10, abs=1e-6)
 
 
+@pytest.mark.soak
 def test_a_loop_whose_spiral_drifts_by_turns_keeps_its_local_pitch():
     spiral = MoveSpiral(120, 4, 10, 100, interpreter_time=0.02)
     trace = np.pad(spiral.setpoints(PERIOD).position, ((0, 0), (0, 1)))
@@ -468,6 +472,7 @@ def test_a_gap_of_the_dispenser_is_neither_length_nor_spacing():
     assert not before.any()
 
 
+@pytest.mark.soak
 def test_tight_archimedean_spirals_meet_their_next_turn_and_not_themselves():
     path = archimedean(40, 10, 3.5)
     found = spacing(path, path.position(np.arange(0, path.length, 0.05)))
@@ -475,7 +480,7 @@ def test_tight_archimedean_spirals_meet_their_next_turn_and_not_themselves():
     assert found.distance.max() < 10.2
 
 
-@pytest.mark.parametrize("height", [20.0, 2000.0, -2000.0])
+@pytest.mark.parametrize("height", suite_runs([20.0, 2000.0, -2000.0], 1))
 def test_the_spacing_of_a_climbing_trace_is_that_of_its_plan(height):
     """Laid c + e n with an e that drifts: a cone and the spiral below it have their feet at the same angles."""
     turns = 8 * math.pi
@@ -491,7 +496,7 @@ def test_the_spacing_of_a_climbing_trace_is_that_of_its_plan(height):
     assert found[0].distance.std() > 0.1  # the drift shows
 
 
-@pytest.mark.parametrize("plane", [XY, ZX, YZ])
+@pytest.mark.parametrize("plane", suite_runs([(XY,), (ZX,), (YZ,)], 1))
 def test_spacing_is_taken_in_the_plane_of_the_spiral(plane):
     path = Chain([Coil((3, 4, 5), (60, 20), 0.3, 8 * math.pi, frame=plane)])
     found = spacing(path, path.position(np.linspace(0, path.length, 4001)))

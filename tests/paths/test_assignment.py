@@ -12,6 +12,8 @@ from gantrysim.paths.nearest import find_assignment
 from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints
 
+from support.soaked import suite_runs
+
 
 def polygon(*points):
     return Chain([Line((*start, 0.0), (*end, 0.0)) for start, end in itertools.pairwise(points)])
@@ -25,7 +27,7 @@ def chord_squares(points, trace):
     return ((from_begin - share[:, :, None] * way) ** 2).sum(axis=2)
 
 
-@pytest.mark.parametrize("bounded", [False, True])
+@pytest.mark.parametrize("bounded", suite_runs([False, True], 0))
 def test_no_assignment_has_a_smaller_sum_of_squares(bounded):
     rng = np.random.default_rng(5)
     for _ in range(40):

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
@@ -17,6 +17,8 @@ from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.kinds import path_of
 from gantrysim.paths.pieces import XY, XZ, YZ, ZX, Coil, Line
+
+from support.soaked import examples
 
 POSITION = 1e-9  # [mm]
 ANGLE = 1e-9  # [rad]
@@ -109,7 +111,7 @@ def brute(path, point, rough=20_001):
 
 
 @given(coils(), st.floats(1e-6, 1))
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_coil_is_its_definition_at_the_integral_of_its_speed(coil, share):
     path = Chain([coil])
     s = way(coil, share)
@@ -163,7 +165,7 @@ def test_archimedes_cone_in_closed_form():
 
 
 @given(coils(), st.floats(0, 1))
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_tangent_is_the_derivative_of_position_and_curvature_that_of_heading(coil, fraction):
     path = Chain([coil])
     low = fraction * path.length
@@ -176,7 +178,7 @@ def test_tangent_is_the_derivative_of_position_and_curvature_that_of_heading(coi
 
 
 @given(walks())
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_tangent_normal_and_frame_are_square_and_the_climb_is_along_the_planes_normal(walk):
     pieces, _ = walk
     path = Chain(pieces)
@@ -199,7 +201,7 @@ def test_tangent_normal_and_frame_are_square_and_the_climb_is_along_the_planes_n
 
 
 @given(walks())
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_pieces_join_where_they_meet(walk):
     pieces, joints = walk
     path = Chain(pieces)
@@ -214,7 +216,7 @@ def test_pieces_join_where_they_meet(walk):
 
 
 @given(st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=12), st.floats(-9, 9))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_heading_jumps_at_a_corner_by_the_corners_angle_and_is_not_wrapped(corners, first):
     headings = first + np.concatenate([[0.0], np.cumsum(corners)])
     points = np.concatenate([[0.0], np.cumsum(5 * np.exp(1j * headings))])
@@ -306,7 +308,7 @@ def test_a_length_beyond_all_numbers_is_refused(piece):
 
 
 @given(walks())
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_a_chain_is_built_again_from_its_parameters_through_json(walk):
     path = Chain(walk[0])
     again = path_of("Chain", json.loads(json.dumps(path.parameters())))
@@ -396,7 +398,7 @@ def test_heading_of_a_spiral_into_its_very_centre_does_not_jump_where_the_radius
 
 
 @given(coils(), st.floats(0.02, 0.98), st.floats(-1, 1), st.floats(-1, 1))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_point_off_a_coil_projects_onto_its_nearest_point(coil, fraction, across, up):
     path = Chain([coil])
     s = fraction * path.length
@@ -462,7 +464,7 @@ def test_a_trace_stays_on_its_turn_of_a_helix_where_the_next_is_nearer():
     off=st.tuples(*[st.floats(-0.1, 0.1)] * 3),
     shift=st.floats(0, 0.05),
 )
-@settings(max_examples=300, deadline=None)
+@examples(300)
 def test_points_near_a_corner_project_onto_the_nearer_of_its_sides(turn, climb, along, off, shift):
     """However sharp, and wherever the corner lies between two points of the table."""
     before = np.array([1.0, 0, 0])
@@ -498,6 +500,7 @@ def zigzag(count):
     return np.concatenate([np.zeros((1, 3)), np.cumsum(steps * random.uniform(0.5, 2, (count, 1)), axis=0)])
 
 
+@pytest.mark.soak
 def test_the_work_for_a_chain_grows_with_its_pieces_and_no_faster():
     """CPU time of 5,000 lines over that of 500, each the least of several: a quadratic algorithm takes 100 times."""
 
@@ -520,6 +523,7 @@ def test_a_corner_is_a_jump_of_the_tangent_by_more_than_a_ten_thousandth(angle):
     assert chain.corners.tolist() == ([10.0] if angle > 1e-4 else [])
 
 
+@pytest.mark.soak
 def test_ten_thousand_lines_lie_where_their_corners_are():
     points = zigzag(10_000)
     path = Chain([Line(a, b) for a, b in pairwise([tuple(point) for point in points.tolist()])])
@@ -542,7 +546,7 @@ def test_ten_thousand_lines_lie_where_their_corners_are():
     heading=st.floats(-7, 7),
     fraction=st.floats(0, 1),
 )
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_an_arc_that_climbs_is_a_helix(radius, left, turns, rise, heading, fraction):
     kappa = (1 if left else -1) / radius
     flat = 2 * math.pi * radius * turns
@@ -581,7 +585,7 @@ pieces_of_arcs = st.lists(
 
 
 @given(pieces_of_arcs)
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_arc_chain_of_mixed_rises_is_the_flat_one_lifted(pieces):
     """At the same share of every piece x and y are those without a climb, and z goes evenly from height to height."""
     kappa, flat, rise = np.array(pieces).T

@@ -8,13 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.corners import Components
 from gantrysim.paths.pieces import Coil, Line
+
+from support.soaked import examples
 
 EXACT = 1e-9  # [mm]
 FOOT = 1e-8  # of a foot's place along a leg, which shows where the point is nearly on it [mm]
@@ -34,7 +36,7 @@ def bent(turn, climb=0.0, second_climb=0.0):
 
 
 @given(angles, st.floats(0, 2 * math.pi), st.floats(0.01, 2.0))
-@settings(max_examples=60)
+@examples(60)
 def test_the_lateral_component_is_the_signed_distance_of_plane_geometry(turn, direction, radius):
     path, corner = bent(turn)
     point = corner + radius * np.array([math.cos(direction), math.sin(direction), 0.0])
@@ -52,7 +54,7 @@ def test_the_lateral_component_is_the_signed_distance_of_plane_geometry(turn, di
 
 @given(angles, st.floats(-80, 80), st.floats(-80, 80), st.lists(st.floats(-1.5, 1.5), min_size=6, max_size=6))
 @example(2.0, 0.0, -14.0, [0.0, 0.0, 0.0, 0.0, 0.0, -1e-5])
-@settings(max_examples=60)
+@examples(60)
 def test_components_change_no_faster_than_the_point_moves(turn, climb, second_climb, ends):
     """In space, across the corner's wedge and across the bisector inside it, in steps of a thousandth."""
     path, corner = bent(turn, climb, second_climb)
@@ -82,6 +84,7 @@ def test_where_a_path_retraces_itself_its_sides_are_exchanged():
     assert (carried.lateral[0], carried.vertical[0]) == pytest.approx((0.003, 0.001), abs=EXACT)
 
 
+@pytest.mark.soak
 def test_corners_of_a_path_of_kilometres_are_those_of_a_short_one():
     """Where arc lengths are rounded to half a nanometre."""
     lines = []

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gantrysim import Budget, Job, Machine, Servo, metrics, perfect_follower, simulate
@@ -16,6 +16,8 @@ from gantrysim.controllers import fanuc
 from gantrysim.paths import nearest
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Line
+
+from support.soaked import examples
 
 EXACT = 1e-9  # [mm]
 SAGITTA = 5e-6  # [mm] of a chord: of two legs as near as that the further one may be taken
@@ -102,7 +104,7 @@ def paths(draw):
     "1e-9 mm",
 )
 @given(paths(), st.floats(0.02, 0.3), st.lists(st.floats(0, 1), max_size=3))
-@settings(max_examples=100)
+@examples(100)
 def test_a_trace_on_its_path_is_followed_as_it_was_made(path, step, rests):
     s = progress(path, step, rests)
     foot = path.follow(path.position(s), s)
@@ -111,7 +113,7 @@ def test_a_trace_on_its_path_is_followed_as_it_was_made(path, step, rests):
 
 
 @given(paths(), st.floats(0.02, 0.2), st.floats(0, 0.1), st.floats(3, 20))
-@settings(max_examples=100)
+@examples(100)
 def test_a_trace_beside_its_path_is_no_further_than_it_was_made(path, step, size, period):
     s = progress(path, step, [0.5])
     trace = wave(path, s, size, period)
@@ -123,7 +125,7 @@ def test_a_trace_beside_its_path_is_no_further_than_it_was_made(path, step, size
 
 
 @given(paths(), st.floats(0.05, 0.2), st.floats(0, 2 * math.pi))
-@settings(max_examples=20)
+@examples(20)
 def test_a_turned_path_has_the_same_feet(path, step, angle):
     turn = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
     s = progress(path, step, [])

@@ -19,6 +19,8 @@ from gantrysim.paths.pieces import Coil, Line
 from gantrysim.paths.spirals import Involute
 from gantrysim.paths.track import Track
 
+from support.soaked import suite_runs
+
 EXAMPLES = {
     "ArcChain": ArcChain((1, 2), 0.5, [0.1, 0, -0.02], [5, 6, 7]),
     "Chain": Chain([Line((0, 0, 0), (3, 4, 1)), Coil((3, 9, 1), (5.0, 5.0), -math.pi / 2, math.pi, 2.0)]),
@@ -62,7 +64,7 @@ def test_every_path_of_the_package_has_a_name_and_an_example():
     assert {name: type(path) for name, path in EXAMPLES.items()} == KINDS
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", suite_runs(EXAMPLES, 0))
 def test_a_path_is_built_from_its_record_in_a_process_that_imported_nothing_else(fresh, tmp_path, name):
     path = EXAMPLES[name]
     done = fresh.run(ALONE, tmp_path, kind_of(path), record(path))

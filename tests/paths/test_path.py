@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
@@ -13,6 +13,7 @@ from gantrysim.paths.kinds import path_of
 from gantrysim.paths.spirals import Involute
 
 from support.runs import archimedean
+from support.soaked import examples
 
 POSITION = 1e-9  # [mm]
 ANGLE = 1e-10  # [rad]
@@ -87,7 +88,7 @@ def tie(distance, curvature):
 
 
 @given(chains(), st.floats(0, 1))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_chain_is_the_integral_of_its_curvature(chain, fraction):
     path = ArcChain(*chain)
     s = fraction * path.length
@@ -98,7 +99,7 @@ def test_chain_is_the_integral_of_its_curvature(chain, fraction):
 
 
 @given(chains())
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_chain_is_continuous_and_tangent_continuous_at_its_joints(chain):
     path = ArcChain(*chain)
     joints = np.cumsum(chain[3])[:-1]
@@ -108,7 +109,7 @@ def test_chain_is_continuous_and_tangent_continuous_at_its_joints(chain):
 
 
 @given(chains(), st.data())
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_curvature_of_a_chain_is_that_of_the_piece(chain, data):
     piece = data.draw(st.integers(0, len(chain[2]) - 1))
     inside = chain[3][:piece].sum() + 0.5 * chain[3][piece]
@@ -116,7 +117,7 @@ def test_curvature_of_a_chain_is_that_of_the_piece(chain, data):
 
 
 @given(chains(), st.floats(0.01, 0.99))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_tangent_is_unit_and_the_derivative_of_position_with_the_normal_to_its_left(chain, fraction):
     path = ArcChain(*chain)
     s = fraction * path.length + np.array([-0.5, 0, 0.5]) * STEP
@@ -156,7 +157,7 @@ def test_pieces_of_length_zero_change_nothing():
 
 
 @given(chains(turning=math.pi), st.floats(0, 1), st.floats(-2.4, 2.4))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_projection_of_a_point_on_a_normal_gives_back_its_arc_length_and_offset(chain, fraction, lateral):
     """All radii are at least 5 mm and the chain turns by at most half a turn: the foot is unique."""
     path = ArcChain(*chain)
@@ -169,7 +170,7 @@ def test_projection_of_a_point_on_a_normal_gives_back_its_arc_length_and_offset(
 
 
 @given(chains(), st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), min_size=1, max_size=20))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_distance_is_that_of_the_nearest_piece_in_closed_form(chain, around):
     points = np.array([[chain[0][0] + x, chain[0][1] + y, 0] for x, y in around])
     sharpest = np.abs(chain[2]).max()

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
@@ -14,6 +14,8 @@ from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.limits import Derivatives, Limited, fastest, nodes
 from gantrysim.paths.pieces import Coil, Line
+
+from support.soaked import examples
 
 IN_HAND = 1e-3  # of an acceleration limit, kept for what lies between the nodes
 # Between nodes 0.02 mm apart, along waves of 15 mm and more, relative:
@@ -122,7 +124,7 @@ def programme(s, top, rate, bend, limit):
 
 
 @given(st.floats(0.1, 500), st.floats(1, 300), st.floats(50, 5000))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_a_line_from_rest_to_rest_is_a_trapezoid(length, speed, acceleration):
     law = straight(length, speed, acceleration, step=length / 4000)
     a = acceleration * (1 - IN_HAND)
@@ -217,7 +219,7 @@ def test_a_line_into_an_arc_brakes_before_it():
     speed=st.floats(20, 300),
     seed=st.integers(0, 2**31),
 )
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_axes_stay_within_random_limits_along_random_smooth_paths(path, length, speed, seed):
     random = np.random.default_rng(seed)
     axes = path.amplitude.shape[0]
@@ -266,11 +268,12 @@ def shortfall(path, length, speed, seed):
 
 
 @given(path=waves(), length=st.floats(30, 150), speed=st.floats(20, 300), seed=st.integers(0, 2**31))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_no_profile_on_the_same_nodes_is_faster(path, length, speed, seed):
     assert -FEASIBLE <= shortfall(path, length, speed, seed) <= OPTIMUM
 
 
+@pytest.mark.soak
 def test_hardly_any_profile_on_the_same_nodes_is_faster_at_all():
     found = []
     for seed in range(100):
@@ -301,7 +304,7 @@ def test_the_cost_of_the_bound_at_constant_speed():
 
 
 @given(path=waves(), length=st.floats(5, 100), speed=st.floats(20, 300), seed=st.integers(0, 2**31))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_the_time_of_a_distance_is_the_inverse_of_the_distance_at_a_time(path, length, speed, seed):
     s = nodes([0.4 * length, length], 0.1)[0]
     halts = np.where(s == s[np.searchsorted(s, 0.4 * length)], 0.0, speed)
@@ -392,7 +395,7 @@ def test_the_limit_of_a_stationary_axis_has_no_effect():
 
 
 @given(st.lists(st.floats(1e-7, 1e-3), min_size=1, max_size=30), st.booleans())
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_very_short_pieces_are_traversed(lengths, halts):
     ends = np.cumsum(lengths)
     s = nodes(ends, 0.05)[0]
@@ -412,7 +415,7 @@ def test_very_short_pieces_are_traversed(lengths, halts):
     st.lists(st.one_of(st.just(0.0), st.floats(1e-6, 50)), min_size=1, max_size=12).filter(lambda x: sum(x) > 0),
     st.floats(0.01, 5),
 )
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_nodes_include_the_ends_of_every_piece_and_are_within_the_step(lengths, step):
     ends = np.cumsum(lengths)
     s, piece = nodes(ends, step)

@@ -5,12 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from gantrysim.base.errors import InputError
 from gantrysim.paths.profile import Constant, Jerk, PointToPoint, Profile, Ramp, Sine
+
+from support.soaked import examples
 
 ROUNDING = 1e-12  # relative
 INTEGRAL = 1e-9  # of the length
@@ -47,7 +49,7 @@ def kinks(profile):
 
 
 @given(moves, st.floats(0, 1))
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_distance_is_the_integral_of_the_speed(profile, share):
     t = share * profile.duration
     node, weight = np.polynomial.legendre.leggauss(20)
@@ -60,7 +62,7 @@ def test_distance_is_the_integral_of_the_speed(profile, share):
 
 
 @given(moves)
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_runs_from_rest_to_rest_over_its_length_within_the_limits_monotonically(profile):
     down = profile.acceleration if profile.deceleration is None else profile.deceleration
     t = np.union1d(np.linspace(0, profile.duration, 2001), kinks(profile).clip(0, profile.duration))
@@ -82,7 +84,7 @@ def test_runs_from_rest_to_rest_over_its_length_within_the_limits_monotonically(
 
 
 @given(moves)
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_position_is_constant_before_the_start_and_after_the_end(profile):
     T = profile.duration  # noqa: N806
     outside = np.array([-1.0, -1e-9 * T, T * (1 + 1e-9), T + 1.0])
@@ -91,7 +93,7 @@ def test_position_is_constant_before_the_start_and_after_the_end(profile):
 
 
 @given(lengths, speeds, accelerations, accelerations, st.floats(0, 0.5))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_times_of_moves_that_reach_their_speed_in_closed_form(length, speed, up, down, rise):
     """L/V + V/2A + V/2D for a trapezoid; its last two times pi/2 for half sines, 1/(1 - r) for ramps of the rise r."""
 
@@ -112,7 +114,7 @@ def test_times_of_moves_that_reach_their_speed_in_closed_form(length, speed, up,
 
 
 @given(lengths, speeds, accelerations, st.floats(0, 7).map(lambda x: 10**x))
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_times_of_jerk_limited_moves_in_closed_form(length, speed, acceleration, jerk):
     def ramp(v):
         return v / acceleration + acceleration / jerk if v * jerk >= acceleration**2 else 2 * math.sqrt(v / jerk)
@@ -131,7 +133,7 @@ def test_times_of_jerk_limited_moves_in_closed_form(length, speed, acceleration,
 
 
 @given(moves.filter(lambda profile: isinstance(profile.shape, Jerk)))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_jerk_and_acceleration_are_bounded_and_one_of_them_is_reached(profile):
     jerk = profile.shape.jerk
     up = profile.shape.time(profile.peak, profile.acceleration)
@@ -147,7 +149,7 @@ def test_jerk_and_acceleration_are_bounded_and_one_of_them_is_reached(profile):
 
 
 @given(st.floats(0.01, 0.5), speeds, accelerations)
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_acceleration_of_a_ramp_is_a_trapezoid_whose_sides_take_their_share(rise, speed, acceleration):
     shape = Ramp(rise)
     time = shape.time(speed, acceleration)
@@ -204,7 +206,7 @@ def test_a_long_jerk_limited_move_by_hand():
 
 
 @given(st.floats(1e-9, 1e-3), shapes)
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_the_shortest_moves_have_a_time_and_reach_their_end(length, shape):
     profile = PointToPoint(length, 100, 1000, shape=shape)
     assert 0 < profile.duration < math.inf

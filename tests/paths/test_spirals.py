@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -13,6 +13,7 @@ from gantrysim.paths.lengths import arc_length, swept_along
 from gantrysim.paths.spirals import Involute
 
 from support.runs import archimedean
+from support.soaked import examples
 
 POSITION = 1e-9  # [mm]
 QUADRATURE = 1e-10  # of Gauss' rule with 20 points over a tenth of a turn
@@ -43,7 +44,7 @@ def gauss(function, low, high):
 
 @BOTH
 @given(spiral=spirals(), fraction=st.floats(0, 1))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_tangent_is_unit_and_the_derivative_of_position_curvature_that_of_heading(kind, spiral, fraction):
     path = kind(*spiral)
     low = fraction * path.length
@@ -61,7 +62,7 @@ def test_tangent_is_unit_and_the_derivative_of_position_curvature_that_of_headin
 
 @BOTH
 @given(spiral=spirals())
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_starts_at_the_given_point_and_turns_in_the_given_sense(kind, spiral):
     path = kind(*spiral)
     sense = -1 if spiral[5] else 1
@@ -79,7 +80,7 @@ def test_starts_at_the_given_point_and_turns_in_the_given_sense(kind, spiral):
 
 @BOTH
 @given(spiral=spirals(), shift=st.tuples(st.floats(-50, 50), st.floats(-50, 50)), angle=st.floats(-4, 4))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_moved_turned_and_mirrored_spirals_have_moved_turned_and_mirrored_points(kind, spiral, shift, angle):
     radius, pitch, turns, start, heading, clockwise = spiral
     s = np.linspace(0, kind(*spiral).length, 30)
@@ -93,7 +94,7 @@ def test_moved_turned_and_mirrored_spirals_have_moved_turned_and_mirrored_points
 
 @BOTH
 @given(spiral=spirals(), fraction=st.floats(0, 1), lateral=st.floats(-0.4, 0.4))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_projection_of_a_point_on_a_normal_gives_back_its_arc_length_and_offset(kind, spiral, fraction, lateral):
     path = kind(*spiral)
     s, e = fraction * path.length, lateral * path.pitch
@@ -104,7 +105,7 @@ def test_projection_of_a_point_on_a_normal_gives_back_its_arc_length_and_offset(
 
 
 @given(spirals(), st.floats(0, 1))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_every_normal_of_an_involute_touches_its_base_circle(spiral, fraction):
     """The string that unwinds: from the touching point on the base circle it is as long as the radius of curvature."""
     path = Involute(*spiral)
@@ -124,7 +125,7 @@ def test_every_normal_of_an_involute_touches_its_base_circle(spiral, fraction):
     "1e-9 mm",
 )
 @given(spirals(), st.floats(0, 1))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_normal_pitch_of_an_involute_is_exactly_the_pitch(spiral, fraction):
     radius, pitch, turns, start, heading, clockwise = spiral
     path = Involute(radius + pitch, pitch, turns + 1, start, heading, clockwise)
@@ -140,7 +141,7 @@ def test_normal_pitch_of_an_involute_is_exactly_the_pitch(spiral, fraction):
 
 
 @given(spirals())
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_length_of_an_involute_is_the_integral_of_its_radius_of_curvature(spiral):
     radius, pitch, turns = spiral[:3]
     integral, _ = quad(lambda phi: radius - pitch / (2 * np.pi) * phi, 0, 2 * np.pi * turns)
@@ -151,7 +152,7 @@ def test_length_of_an_involute_is_the_integral_of_its_radius_of_curvature(spiral
 
 
 @given(spirals(), st.floats(0.001, 1))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_archimedes_radius_falls_by_the_pitch_a_turn_of_the_polar_angle(spiral, fraction):
     radius, pitch, turns, _, heading, clockwise = spiral
     path = archimedean(*spiral)
@@ -278,13 +279,13 @@ def integral(r, b, c, angle):
 
 
 @given(r=nothing_or_more, b=signed, c=nothing_or_more, angle=angles)
-@settings(max_examples=500, deadline=None)
+@examples(500)
 def test_arc_length_is_the_integral_of_the_speed_over_all_magnitudes(r, b, c, angle):
     assert arc_length(r, b, c, angle)[0] == pytest.approx(integral(r, b, c, angle), rel=LENGTH, abs=1e-300)
 
 
 @given(r=st.floats(0, 200), b=st.floats(-5, 5), c=st.floats(0.01, 20), angle=st.floats(1e-6, 30))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @example(r=8.7e-305, b=-3.0, c=2.0625, angle=2.0)
 def test_arc_length_is_that_of_quadpack_and_only_the_square_of_c_counts(r, b, c, angle):
     points = [-r / b] if b and 1e-9 < -r / b < angle else None  # QUADPACK warns of a part without a length
@@ -307,7 +308,7 @@ def test_arc_length_of_a_vanishing_c_is_that_of_the_radius_alone(r, b, c, expect
 
 
 @given(r=nothing_or_more, b=signed, c=nothing_or_more, angle=angles, share=st.floats(0, 1))
-@settings(max_examples=500, deadline=None)
+@examples(500)
 def test_swept_angle_is_the_inverse_of_the_arc_length(r, b, c, angle, share):
     b = max(b, -r / angle)  # as far as to the very centre
     s = arc_length(r, b, c, share * angle)[0]
@@ -334,7 +335,7 @@ def test_swept_angle_stays_at_the_ends_beyond_them():
 
 
 @given(spirals(), st.floats(-80, 80), st.floats(1e-6, 1))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_an_involute_with_a_height_lies_over_the_flat_one_and_climbs_evenly_with_the_angle(spiral, height, share):
     radius, pitch, turns = spiral[:3]
     path, flat = Involute(*spiral, height=height), Involute(*spiral)
@@ -357,7 +358,7 @@ def test_an_involute_with_a_height_lies_over_the_flat_one_and_climbs_evenly_with
 
 
 @given(spirals(), st.floats(-80, 80), st.floats(0, 1))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_tangent_of_an_involute_that_climbs_is_the_derivative_of_position(spiral, height, fraction):
     path = Involute(*spiral, height=height)
     low = fraction * path.length

@@ -15,6 +15,8 @@ from gantrysim.results.colours import SHARE
 
 from support.jobs import job_run
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 JOB = "softmc-arc"
 
 

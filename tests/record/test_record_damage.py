@@ -11,7 +11,7 @@ from hashlib import sha256
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Run, Servo, simulate
@@ -20,6 +20,7 @@ from gantrysim.record.run_file import Fault
 
 from support.damage import announced, archived, array_file, inside, members, raw
 from support.runs import ideal_motors
+from support.soaked import examples
 
 MOST = 24 << 20  # memory that reading a damaged record of 0.4 MB may take [bytes]
 
@@ -112,19 +113,19 @@ def seeds(most):
 
 
 @given(seed=seeds(1 << 30))
-@settings(max_examples=60)
+@examples(60)
 def test_bytes_of_the_file(place, record, content, seed):
     check_new(place, record, raw(np.random.default_rng(seed), content))
 
 
 @given(seed=seeds(1 << 30))
-@settings(max_examples=60)
+@examples(60)
 def test_members_of_the_archive(place, record, content, seed):
     check_new(place, record, inside(np.random.default_rng(seed), members(content)))
 
 
 @given(seed=seeds(1 << 30))
-@settings(max_examples=60)
+@examples(60)
 def test_members_whose_checksum_agrees(place, content, seed):
     check_sealed(place, sealed(inside(np.random.default_rng(seed), members(content))))
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
@@ -12,6 +12,8 @@ from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.profile import Constant, Jerk, PointToPoint, Sine
 from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import Setpoints, ticks
+
+from support.soaked import examples
 
 POSITION = 1e-9  # [mm]
 FORGIVEN = 1e-9  # rounding that `ticks` forgives, of a period
@@ -75,7 +77,7 @@ def test_the_last_setpoint_is_the_end_though_the_last_period_is_forgiven_its_rou
 
 
 @given(st.floats(10, 500), st.floats(2.5e-4, 8e-3), st.floats(5, 40))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_setpoints_along_a_circle_are_chords_of_equal_length_but_for_the_last(speed, period, radius):
     path = ArcChain([1, 2], 0.4, 1 / radius, 2 * radius)
     setpoints = Setpoints.along(path, speed, period)

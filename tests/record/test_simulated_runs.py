@@ -16,6 +16,8 @@ from gantrysim.report.writing import results_of
 
 from support.jobs import job_run
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 JOB = "an225"
 DEFAULTS = "All tolerances, and the shape of the bead, are defaults."
 

@@ -121,6 +121,7 @@ def test_the_reference_has_converged(name):
     assert sizes(reference(name, servo)[0] - reference(name, servo, step=STEP / 2)[0])[1] < CONVERGED
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", JOBS)
 def test_distances_from_the_sampled_path_are_those_of_the_follower(name):
     job = job_of(name)
@@ -133,7 +134,7 @@ def test_distances_from_the_sampled_path_are_those_of_the_follower(name):
     "independent two-mass simulation, no code shared",
     "0.1 µm rms, 0.5 µm max",
 )
-@pytest.mark.parametrize("name", JOBS)
+@pytest.mark.parametrize("name", suite_runs(JOBS, 0))
 def test_with_an_exact_encoder_contour_error_and_torque_are_the_references(name):
     servo = exact(job_of(name).built_servo)
     assert within(engine(name, servo), reference(name, servo), EXACT, EXACT_TORQUE)
@@ -204,7 +205,7 @@ BREAKS = {
 }
 
 
-@pytest.mark.parametrize("factors", BREAKS.values(), ids=BREAKS)
+@pytest.mark.parametrize("factors", suite_runs(BREAKS.values(), 0, 4, 8), ids=BREAKS)
 def test_another_plant_does_not_agree(factors):
     name = "softmc-arc"
     other = reference(name, stiff(name), drives_with(**factors))

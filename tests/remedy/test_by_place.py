@@ -216,6 +216,7 @@ def test_nothing_is_proposed_that_is_not_as_good(job, found):
     assert speed_by_place(job, better, Bench(job)).startswith("no speeds by place are as good in less time")
 
 
+@pytest.mark.soak
 def test_the_spiral_s_program_passes_in_far_less_time_than_at_half_speed(tmp_path):
     changes = {
         "program.loop_period": 0.01,

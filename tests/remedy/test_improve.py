@@ -121,6 +121,7 @@ def test_a_run_that_ends_in_a_fault_has_no_levers_tried():
     assert result.verdict.fault in str(result)
 
 
+@pytest.mark.soak
 def test_what_forbids_it_is_named():
     """A path limit far below the encoder's count, and the levers of the glue alone."""
     job = lines_job(CIRCLE, tolerance={"path_max": 1e-4})
@@ -304,6 +305,7 @@ def test_a_search_that_ends_without_a_failure_is_not_called_the_fastest():
     )
 
 
+@pytest.mark.soak
 def test_the_fastest_program_is_that_of_the_speed_study():
     """Both name the speed without a warning, and the one without a failure."""
     job = lines_job(LINE, tolerance={"speed_reserve": 60.0})

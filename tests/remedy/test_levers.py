@@ -33,6 +33,7 @@ from support.remedies import (
     sliced_job,
     spiral_job,
 )
+from support.soaked import suite_runs
 
 BY_NAME = {lever.name: lever for lever in LEVERS}
 LATE = {"area": 0.0, "flow": 200.0, "dead_time": 0.04}
@@ -229,11 +230,14 @@ def test_the_measured_leads_are_the_dead_time_of_a_valve_without_lag():
 
 @pytest.mark.parametrize(
     ("before", "line"),
-    [
-        ("", "M900 K0.157"),
-        ("; gcode_flavor = klipper\n", "SET_PRESSURE_ADVANCE ADVANCE=0.157"),
-        (";FLAVOR:RepRap\n", "M572 D0 S0.157"),
-    ],
+    suite_runs(
+        [
+            ("", "M900 K0.157"),
+            ("; gcode_flavor = klipper\n", "SET_PRESSURE_ADVANCE ADVANCE=0.157"),
+            (";FLAVOR:RepRap\n", "M572 D0 S0.157"),
+        ],
+        0,
+    ),
 )
 def test_an_extruder_s_advance_is_proposed_in_the_words_of_its_firmware(before, line):
     job = extruded(before)

@@ -12,6 +12,7 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.remedy.improve import improve
 
 from support.pasting import checked_values, in_job_file, verdict_of, with_options
+from support.soaked import suite_runs
 
 ROOT = Path(__file__).parent.parent.parent
 QUICK = ("softmc-arc", "svg-gasket")
@@ -85,7 +86,8 @@ GIVEN = {
 }
 
 
-@pytest.mark.parametrize("name", GIVEN)
+# a value, and a text in the line
+@pytest.mark.parametrize("name", suite_runs(list(GIVEN), 0, 5))
 def test_lines_beside_options_keep_the_promise(name, tmp_path):
     file, text, given, levers = GIVEN[name]
     program = PROGRAMS.get(file, tmp_path / file)
@@ -121,7 +123,7 @@ def test_a_job_file_that_names_a_program_keeps_the_promise(tmp_path):
     same_values(verdict_of(with_options(job, result.lines["command line"])), result.improved)
 
 
-@pytest.mark.parametrize(("name", "options"), [("softmc-arc", ()), ("seal.ngc", ("--set", SLOW_VALVE))])
+@pytest.mark.parametrize(("name", "options"), suite_runs([("softmc-arc", ()), ("seal.ngc", ("--set", SLOW_VALVE))], 0))
 def test_the_printed_options_are_run_by_the_command(name, options, gantrysim_command, tmp_path):
     """As they are printed by one command, so they are typed behind the next one."""
     status, printed, _ = gantrysim_command("improve", PROGRAMS[name], *options)

@@ -124,7 +124,7 @@ def test_an_mp4_has_its_frames_its_rate_and_its_pictures(alone, run, tmp_path):
     assert content.index(b"moov") < content.index(b"mdat")
 
 
-@pytest.mark.parametrize(("fps", "duration"), [(10, 100), (30, 30), (500, 20)])
+@pytest.mark.parametrize(("fps", "duration"), suite_runs([(10, 100), (30, 30), (500, 20)], 0))
 def test_a_gif_has_frame_times_in_hundredths_and_the_right_frames(alone, run, tmp_path, fps, duration):
     speed = {10: 2.0, 30: 8.0, 500: 10.0}[fps]
     count = alone.save(tmp_path / "a.gif", fps=fps, speed=speed)
@@ -137,6 +137,7 @@ def test_a_gif_has_frame_times_in_hundredths_and_the_right_frames(alone, run, tm
         assert apart(frames[k], alone.frame(min(k * speed * 1e-3 * duration, alone.end), speed)) < PALETTE
 
 
+@pytest.mark.soak
 def test_a_gif_keeps_rare_colours(xy, run, tmp_path):
     with Film([Take(xy, run)], camera="overview", size=(420, 200), colour="width") as coloured:
         coloured.save(tmp_path / "a.gif", fps=2)
@@ -146,6 +147,7 @@ def test_a_gif_keeps_rare_colours(xy, run, tmp_path):
     assert away.mean() < PALETTE
 
 
+@pytest.mark.soak
 def test_two_films_of_a_run_are_the_same_frames(xy, run, alone, tmp_path):
     alone.save(tmp_path / "a.mp4", fps=4)
     save_video(xy, run, tmp_path / "b.mp4", size=SIZE, fps=4.0, label="one", colour="plain")
@@ -193,6 +195,7 @@ def test_each_picture_is_headed_by_its_label_and_shows_when_it_has_ended(pair, s
         assert shows(frame[: pair.panel.size[1]], f"{time:.2f} s", pair.panel.font.size, INK)
 
 
+@pytest.mark.soak
 def test_four_runs_are_drawn_independently_and_repeatably(xy, run, short):
     bare = dataclasses.replace(run, flow=np.zeros(len(run.time)))
     takes = [Take(xy, one, name) for one, name in ((run, "a"), (short, "b"), (bare, "c"), (cut(run, 400), "d"))]
@@ -338,8 +341,8 @@ class Unopened:
         pass
 
 
-@pytest.mark.parametrize("count", suite_runs([1, 2, 4], 1, 2))
-@pytest.mark.parametrize("colour", ["plain", "error"])
+@pytest.mark.parametrize("count", suite_runs([1, 2, 4], 2))
+@pytest.mark.parametrize("colour", suite_runs(["plain", "error"], 1))
 def test_the_pictures_of_a_film_of_any_shape_do_not_overlap(xy, run, monkeypatch, count, colour):
     monkeypatch.setattr(film, "Renderer", Unopened)
     scale = scale_for(colour, [run])
@@ -449,6 +452,7 @@ def judged_by(**states):
     )
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "verdict",
     suite_runs(

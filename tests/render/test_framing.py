@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.job.job import Job
@@ -14,6 +14,8 @@ from gantrysim.render.camera import FADED, FIELD_OF_VIEW, MARGIN, Flight, Framin
 from gantrysim.render.film import Film, Take, _common_framing
 from gantrysim.render.renderer import Inset
 from gantrysim.render.scene import Scene
+
+from support.soaked import examples
 
 SHAPE = 16 / 9
 JOBS = ("an225", "fanuc-conical", "softmc-arc", "stage-outline", "delta-arc")
@@ -35,7 +37,7 @@ def seen(framing, shape, distance):
 
 
 @given(points, st.floats(-180, 180), st.sampled_from([-35.0, -50.0]), st.floats(0.5, 3))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_the_least_distance_just_holds_every_point_with_the_margin(place, azimuth, elevation, shape):
     framing = Framing(place, azimuth, elevation)
     distance = framing.distance(shape)
@@ -49,7 +51,7 @@ def test_the_least_distance_just_holds_every_point_with_the_margin(place, azimut
 
 
 @given(points, st.floats(-180, 180), st.floats(0, 360))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_bead_and_camera_turned_together_give_the_same_picture(place, azimuth, turn):
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     turned = place @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T

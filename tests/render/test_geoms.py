@@ -28,7 +28,9 @@ def plain(geoms, data, view, scene, shape, *, shadows):
     mujoco.mjv_updateScene(geoms._model, data, mujoco.MjvOption(), None, view, EVERYTHING, scene)
 
 
-@pytest.mark.parametrize(("camera", "shares"), [("overview", [1.0]), ("nozzle", [1.0]), ("bead", [0.0, 0.6, 1.0])])
+@pytest.mark.parametrize(
+    ("camera", "shares"), suite_runs([("overview", [1.0]), ("nozzle", [1.0]), ("bead", [0.0, 0.6, 1.0])], 0)
+)
 def test_the_pictures_are_those_of_all_geoms_in_the_order_of_the_model(xy, run, camera, shares, monkeypatch):
     tick = len(run.time) // 2
     with Renderer(xy, run, camera, SIZE) as renderer:
@@ -110,7 +112,7 @@ def test_groups_that_are_hidden_stay_hidden_and_others_as_they_are(xy, run):
         np.testing.assert_array_equal(renderer.model.geom_group[machine_geoms], groups)
 
 
-@pytest.mark.parametrize(("size", "side"), [((400, 300), 512), ((1600, 1200), 1536)])
+@pytest.mark.parametrize(("size", "side"), suite_runs([((400, 300), 512), ((1600, 1200), 1536)], 0))
 def test_shadows_are_as_fine_as_the_picture_shows_them_and_no_finer_than_the_machine_has_them(xy, run, size, side):
     with Renderer(xy, run, "bead", size) as renderer:
         assert renderer.model.vis.quality.shadowsize == side

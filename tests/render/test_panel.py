@@ -22,6 +22,7 @@ from gantrysim.report.plots.style import COLOURS
 from gantrysim.results.colours import INK, MAGNITUDE
 
 from support.films import SHAPES, cut, shows, small_job
+from support.soaked import suite_runs
 
 LETTERS = 16
 SIZE = (600, 120)
@@ -486,8 +487,8 @@ def test_letters_scale_with_the_frame_and_stay_legible(telemetry):
     assert panels[3].size == (960, pytest.approx(0.18 * 720, abs=1))
 
 
-@pytest.mark.parametrize("scale", [None, Scale("bead width", "mm", 0.0, 88.8, True, True, MAGNITUDE)])
-@pytest.mark.parametrize("runs", [1, 2, 4])
+@pytest.mark.parametrize("scale", suite_runs([None, Scale("bead width", "mm", 0.0, 88.8, True, True, MAGNITUDE)], 1))
+@pytest.mark.parametrize("runs", suite_runs([1, 2, 4], 0, 2))
 @pytest.mark.parametrize("frame", SHAPES, ids=str)
 def test_a_film_of_any_shape_has_a_panel_that_can_be_read(telemetry, frame, runs, scale):
     panel = Panel([telemetry] * runs, frame, "small", scale)

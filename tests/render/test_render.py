@@ -19,7 +19,9 @@ from gantrysim.render import Film, NoOpenGLError, Renderer, Take, save_video
 from gantrysim.render.opengl import offscreen_context
 from gantrysim.render.renderer import checked_size
 
+from support.blank_pictures import save_blank
 from support.pinhole import in_sight, on_work, to_pixels
+from support.soaked import suite_runs
 
 SIZE = (640, 480)
 FLOW = 150.0  # [mm³/s]
@@ -62,7 +64,7 @@ def neighbourhood(mask, pixels, reach):
 
 
 @pytest.mark.parametrize("camera", ["top", "overview"])
-@pytest.mark.parametrize("share", [0.5, 1.0])
+@pytest.mark.parametrize("share", suite_runs([0.5, 1.0], 0))
 def test_the_bead_is_drawn_along_the_trace(xy, run, dry, camera, share):
     tick = int(share * (len(run.time) - 1))
     mask, picture, pixels, visible = bead_pixels(xy, run, dry, tick, camera)
@@ -86,7 +88,7 @@ def test_the_bead_is_drawn_along_the_trace(xy, run, dry, camera, share):
     assert red > 1.2 * green > 1.2 * blue
 
 
-@pytest.mark.parametrize("camera", ["side", "overview", "nozzle"])
+@pytest.mark.parametrize("camera", suite_runs(["side", "overview", "nozzle"], 0))
 def test_the_nozzle_follows_the_log(xy, dry, camera):
     with Renderer(xy, dry, camera, SIZE) as renderer:
         model = renderer.model
@@ -113,7 +115,7 @@ def test_the_nozzle_follows_the_log(xy, dry, camera):
             assert abs(rows.max() - tip[1]) < reach + 2
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("camera", suite_runs(CAMERAS, 0))
 def test_frames_are_neither_black_nor_blank_and_repeat(xy, run, camera):
     pictures = []
     for _ in range(2):
@@ -267,6 +269,7 @@ def test_without_opengl_the_command_does_everything_but_the_video(no_opengl, tmp
         "turns=1",
     ]
     monkeypatch.setattr(sys, "argv", arguments)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
     cli.app(standalone_mode=False)
     assert sorted(item.name for item in tmp_path.iterdir()) == [
         "card.png",

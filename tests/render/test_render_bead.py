@@ -60,7 +60,7 @@ def seen_from_above(renderer, machine, step=2):
     return rows, columns, 1e3 * (there - data.xpos[machine.work])
 
 
-@pytest.mark.parametrize("share", suite_runs([0.4, 1.0], 0))
+@pytest.mark.parametrize("share", suite_runs([0.4, 1.0]))
 def test_glue_is_seen_where_the_height_map_has_it_and_nowhere_else(xy, run, dry, share):
     tick = int(share * (len(run.time) - 1))
     part = slice(0, tick + 1)
@@ -108,7 +108,7 @@ def laid_stations(machine, run, renderer, bead_trace, tick):
     return np.flatnonzero(laid), pixels
 
 
-@pytest.mark.parametrize("colour", ["width", "error"])
+@pytest.mark.parametrize("colour", suite_runs(["width", "error"], 0))
 def test_the_colour_of_the_bead_is_that_of_the_scale(xy, run, colour):
     tick = len(run.time) - 1
     run = dataclasses.replace(run, flow=run.flow * (1 + 0.2 * np.sin(4 * run.time)))
@@ -329,7 +329,7 @@ def test_another_run_is_drawn_with_the_same_mesh(xy, run, dry):
         np.testing.assert_array_equal(renderer.frame(len(run.time) - 1), shown)
 
 
-@pytest.mark.parametrize("size", [(300, 400), (240, 240), (320, 240), (640, 240)])
+@pytest.mark.parametrize("size", suite_runs([[300, 400], [240, 240], [320, 240], [640, 240]], 0))
 def test_a_narrow_picture_is_as_wide_as_one_of_four_to_three(xy, run, size):
     """The view's half angle across is that of 4:3, or more."""
     with Renderer(xy, run, "overview", size) as renderer:

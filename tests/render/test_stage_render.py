@@ -12,6 +12,7 @@ from gantrysim.render.scene import Scene
 
 from support.pinhole import on_work, to_pixels
 from support.runs import round_the_piece
+from support.soaked import suite_runs
 
 SIZE = (640, 480)
 CAMERA = "nozzle"  # stands still, as the needle does
@@ -27,7 +28,7 @@ def run(stage):
     return simulate(stage, Servo.derive(stage.axes), round_the_piece(6.0)[0], dispenser=Dispenser(flow=40.0))
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("share", suite_runs([0.3, 0.6, 0.9], 1))
 def test_the_bead_lies_where_it_was_laid_on_the_work_that_has_moved_on(stage, run, share):
     tick = int(share * (len(run.time) - 1))
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(run.nozzle, axis=0), axis=1))])

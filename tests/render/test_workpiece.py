@@ -16,6 +16,8 @@ from gantrysim.record.setpoints import Setpoints
 from gantrysim.render.scene import Scene
 from gantrysim.render.workpiece import workpiece
 
+from support.soaked import of_jobs, suite_runs
+
 FLOW, SPEED = 150.0, 100.0  # [mm³/s], [mm/s]
 ABOVE = 0.02  # that the body may stand above the bead's base [mm]
 LEVEL = 0.06  # that a ledge may lie below the bead's base beside the path [mm]
@@ -82,13 +84,13 @@ def runs():
     return {name: Job.load(name).follow() for name in builtin_jobs()}
 
 
-@pytest.mark.parametrize("name", builtin_jobs())
+@pytest.mark.parametrize("name", of_jobs("an225", "an225-3d", "delta-arc"))
 def test_a_body_stands_where_a_job_climbs_and_nowhere_else(runs, name):
     piece = workpiece(runs[name], level=426.0 if name == "delta-arc" else 0.0)
     assert (piece is not None) == (name in CLIMBING)
 
 
-@pytest.mark.parametrize("name", CLIMBING)
+@pytest.mark.parametrize("name", suite_runs(CLIMBING, 0))
 def test_the_body_ends_at_the_bead_and_clears_the_needle(runs, name):
     run = runs[name]
     piece = workpiece(run)
@@ -212,6 +214,7 @@ def test_the_scene_shows_the_body_and_keeps_the_machine(runs):
     assert "gantrysim work piece" not in [flat.model.geom(g).name for g in range(flat.model.ngeom)]
 
 
+@pytest.mark.soak
 def test_no_path_is_cut_however_it_crosses_itself(xyz):
     random = np.random.default_rng(1)
     for _ in range(12):

@@ -25,6 +25,7 @@ from gantrysim.report.plots.plan import magnification
 from gantrysim.report.viewer_data import ViewerData
 from gantrysim.results.run_results import RunResults
 
+from support.soaked import suite_runs
 from support.viewer_jobs import viewer_job
 
 LINES = "[dispenser]\narea = 2.0\n"
@@ -194,7 +195,7 @@ return [found, apart];
 """
 
 
-@pytest.mark.parametrize("width", [1280, 700, 400, 330])
+@pytest.mark.parametrize("width", suite_runs([1280, 700, 400, 330], 0, 3))
 def test_no_line_ends_between_a_number_and_its_unit(page, width):
     page.resize(width, 800)
     page.run("document.querySelectorAll('details').forEach((part) => { part.open = true; })")

@@ -12,6 +12,7 @@ from gantrysim.report.writing import results_of
 from gantrysim.results.run_results import RunResults
 
 from support.labels import label_faults, noting_texts
+from support.soaked import suite_runs
 from support.viewer_jobs import climbing_job, viewer_job
 
 NARROW = 400
@@ -31,7 +32,7 @@ def check_labels(browser, file):
         assert label_faults(browser, LEAST if width == NARROW else 0.0) == [], width
 
 
-@pytest.mark.parametrize("job", [viewer_job(), climbing_job()], ids=lambda job: job.name)
+@pytest.mark.parametrize("job", suite_runs([viewer_job(), climbing_job()], 0), ids=lambda job: job.name)
 def test_labels_of_short_jobs_are_whole_and_apart(browser, job, tmp_path):
     run = job.run()
     bead = Bead(run, job.bead, Analysis(run))
@@ -49,11 +50,14 @@ def test_labels_of_built_in_jobs_are_whole_and_apart(browser, name, tmp_path):
 
 @pytest.mark.parametrize(
     ("style", "fault"),
-    [
-        (".answer .judged { width: 60px; overflow: hidden; }", "cut: "),
-        (".answer h3 { margin-bottom: -20px; }", "over one another: "),
-        (".now { font-size: 9px; }", "9.0 px: "),
-    ],
+    suite_runs(
+        [
+            (".answer .judged { width: 60px; overflow: hidden; }", "cut: "),
+            (".answer h3 { margin-bottom: -20px; }", "over one another: "),
+            (".now { font-size: 9px; }", "9.0 px: "),
+        ],
+        1,
+    ),
 )
 def test_labels_that_are_spoilt_are_found(browser, tmp_path, style, fault):
     job = viewer_job()
@@ -67,6 +71,7 @@ def test_labels_that_are_spoilt_are_found(browser, tmp_path, style, fault):
     assert any(text.startswith(fault) for text in found), found
 
 
+@pytest.mark.soak
 def test_texts_on_canvases_are_seen(browser, tmp_path):
     job = viewer_job()
     run = job.run()

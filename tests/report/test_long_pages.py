@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 
 from gantrysim.report.figures import inline_svg
@@ -24,6 +25,7 @@ def test_of_a_long_program_the_page_shows_both_ends_and_says_so():
     assert job_section(SimpleNamespace(toml=lambda: short)).code == short
 
 
+@pytest.mark.soak
 def test_a_path_that_covers_itself_becomes_an_image_and_a_smooth_one_stays_a_path():
     figure = Figure()
     axes = figure.subplots()

@@ -24,6 +24,7 @@ from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults
 from gantrysim.servo.stability.margins import Margins
 
+from support.blank_pictures import save_blank
 from support.pages import Page
 
 CAUSE_NAMES = tuple(cause.name for cause in CAUSES)
@@ -39,6 +40,12 @@ def reported(folder, job, run=None, video=None):
     page = Page(file)
     page.check()
     return page, bead
+
+
+@pytest.fixture
+def blank(monkeypatch):
+    """The figures of a test's own page are blank; those of the spiral are drawn."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
 
 
 @pytest.fixture(scope="module")
@@ -166,6 +173,7 @@ def test_the_words_of_the_links_name_no_cause(spiral):
     assert "causes" not in page.sections
 
 
+@pytest.mark.usefixtures("blank")
 def test_the_causes_have_a_section_with_their_table_and_plot(tmp_path):
     job = Job.load("an225", (*SMALL, "resolution=0.02"))
     run = job.run()
@@ -199,6 +207,7 @@ def test_the_causes_have_a_section_with_their_table_and_plot(tmp_path):
     assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_follower_without_error_gets_a_report(tmp_path):
     job = Job.load("softmc-arc")
     page, bead = reported(tmp_path, job, job.follow())
@@ -265,6 +274,7 @@ def test_the_headline_of_a_fault_without_error():
     assert contour_sentence(Budget(run)) == text
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_fault_is_shown_above_all_else(tmp_path):
     job = Job.load("an225", ("following_error_limit=0.04",))
     page, bead = reported(tmp_path, job)
@@ -275,12 +285,14 @@ def test_a_fault_is_shown_above_all_else(tmp_path):
     assert "spacing-of-neighbouring-turns" not in page.sections
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_run_without_glue_has_no_bead(tmp_path):
     page, bead = reported(tmp_path, Job.load("an225", (*SMALL, "turns=1", "flow=0")))
     assert bead.volume[-1] == 0
     assert page.sections == ALWAYS
 
 
+@pytest.mark.usefixtures("blank")
 @pytest.mark.parametrize("name", ["fanuc-conical", "stage-outline"])
 def test_paths_in_space_rotary_axes_and_the_stage_get_a_report(tmp_path, name):
     job = Job.load(name)
@@ -295,6 +307,7 @@ def test_paths_in_space_rotary_axes_and_the_stage_get_a_report(tmp_path, name):
         assert " ".join(note.split()) in page.section("notes")
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_program_cannot_write_markup_into_the_page(tmp_path):
     text = "N10 G17 G90 G00 X0 Y10\nN20 G01 X20 F3000 (</code><script>alert;</script>&)"
     job = Job(name="mark", machine="xy", program={"controller": "fanuc.Program", "program": text})

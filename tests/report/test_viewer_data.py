@@ -253,6 +253,7 @@ def test_a_column_is_read_only_when_it_is_wanted(shown):
         assert not any(isinstance(value, np.ndarray) for value in held), series.name
 
 
+@pytest.mark.soak
 def test_the_page_of_ten_thousand_samples_is_small(tmp_path):
     job = Job.load("an225")
     bead = Bead(job_run("an225"), job.bead, Analysis(job_run("an225")))

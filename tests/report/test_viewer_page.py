@@ -19,6 +19,7 @@ from gantrysim.report.viewer_data import ViewerData
 from gantrysim.results.run_results import RunResults
 
 from support.compared import RADIUS, START, on_circle
+from support.soaked import suite_runs
 from support.viewer_jobs import TEXT, viewer_job
 
 FPS = 25
@@ -270,6 +271,7 @@ def scale_of(page, results):
     return times
 
 
+@pytest.mark.soak
 def test_drag_and_wheel_zoom_shift_drag_pans_and_double_click_resets(page, results):
     end = float(results.budget.analysis.run.time[-1])
     page.run("document.querySelector('.strips').focus()")
@@ -356,7 +358,7 @@ def test_details_are_folded_until_they_are_asked_for(page):
     assert titles[1:3] == ["Bead and path", "Error budget"]
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", suite_runs(["light", "dark"], 0))
 def test_the_page_is_as_wide_as_a_small_screen(page, file, scheme):
     page.media(scheme=scheme)
     for width in (1280, 400):
@@ -408,6 +410,7 @@ def test_the_page_is_usable_at_once(browser, file):
     assert duration < USABLE
 
 
+@pytest.mark.soak
 def test_the_cursor_is_fluent_with_a_hundred_thousand_samples(browser, results, tmp_path):
     # the run, many times over, without its values of 16 bits again
     content = ViewerData(results).content()

@@ -131,6 +131,7 @@ def test_the_cursor_is_where_its_sample_is(page, results):
         last = place
 
 
+@pytest.mark.soak
 def test_hovering_over_the_bead_moves_the_cursor_and_a_click_pins_it(page, results):
     run = results.budget.analysis.run
     left, top, _, _ = page.box(SURFACE)
@@ -149,6 +150,7 @@ def test_hovering_over_the_bead_moves_the_cursor_and_a_click_pins_it(page, resul
     assert tick_of(page, results) == pinned
 
 
+@pytest.mark.soak
 def test_drag_and_keys_turn_the_view_and_reset_brings_it_back(page):
     first = view_of(page)
     left, top, width, height = page.box(SURFACE)

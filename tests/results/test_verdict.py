@@ -25,6 +25,7 @@ from gantrysim.servo.stability.margins import Margins
 
 from support.jobs import job_run
 from support.remedies import spiral_job
+from support.soaked import suite_runs
 
 NEEDLE = 0.82  # outer diameter [mm]
 AREA = 2.0  # [mm²]
@@ -409,7 +410,12 @@ def test_a_job_without_tolerances_has_no_table_of_them(job):
 
 
 @pytest.mark.parametrize(
-    "name", ["an225", "delta-arc", "fanuc-conical", "linuxcnc-flanges", "slicer-square", "stage-outline", "trio-basic"]
+    "name",
+    suite_runs(
+        ["an225", "delta-arc", "fanuc-conical", "linuxcnc-flanges", "slicer-square", "stage-outline", "trio-basic"],
+        0,
+        3,
+    ),
 )
 def test_built_in_jobs_have_a_verdict_with_the_numbers_of_budget_and_bead(name):
     job = Job.load(name)

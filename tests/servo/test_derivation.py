@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -22,6 +22,7 @@ from gantrysim.servo.stability.margins import Margins, Plant, margins_of
 from gantrysim.servo.stability.motion import Motion
 
 from support.closed_loops import shortfall
+from support.soaked import examples, suite_runs
 from support.tables import EXAMPLES
 
 EXACT = 1e-9
@@ -43,7 +44,7 @@ def derived(name, period=1e-3, frequency=None, damping=1.0, integral_time=math.i
     "the limits of the design",
     "at least 2; at most 2",
 )
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(name=st.sampled_from(MACHINES), period=st.floats(FASTEST, SLOWEST), share=st.sampled_from([0.0, 0.3, 1.0]))
 @example(name="stage", period=SLOWEST, share=0.0)
 @example(name="stage", period=2e-3, share=1.0)
@@ -65,6 +66,7 @@ def keeps(machine, servo, **tolerance):
     return not shortfall(machine, servo, **tolerance)
 
 
+@pytest.mark.soak
 def test_a_servo_whose_integral_term_leaves_no_loop_is_refused_with_the_time_that_does():
     """Slower loops are the less stable: at a thousandth of the speed this one would swing up at 0.03 Hz."""
     with pytest.raises(InputError) as caught:
@@ -78,6 +80,7 @@ def test_a_servo_whose_integral_term_leaves_no_loop_is_refused_with_the_time_tha
     assert keeps(machine("delta"), Servo.derive(machine("delta").axes, **(ON_THE_LOAD | {"integral_time": 0.05})))
 
 
+@pytest.mark.soak
 def test_the_time_proposed_is_the_shortest_of_its_series():
     with pytest.raises(InputError, match=r"use integral_time = 0\.05 s"):
         Servo.derive(machine("delta").axes, **(ON_THE_LOAD | {"integral_time": 0.04}))
@@ -85,30 +88,39 @@ def test_the_time_proposed_is_the_shortest_of_its_series():
 
 @pytest.mark.parametrize(
     ("values", "blamed", "proposal"),
-    [
-        (
-            {"damping": 0.1, "integral_time": 1e-3},
-            "integral_time = 0.001 s, damping = 0.1",
-            "or integral_time = 0.005 s with damping = 1 \\(26.9 Hz\\)",
-        ),
-        (
-            {"mode": "velocity", "velocity_bandwidth": 1e3},
-            "velocity_bandwidth = 1000 Hz, drive_period = 0.000125 s",
-            "\\(around velocity loops of .* use velocity_bandwidth = 500 Hz \\([0-9.]+ Hz\\) or drive_period",
-        ),
-        (
-            {"feedback_delay": 16, "integral_time": 0.05},
-            "integral_time = 0.05 s, feedback_delay = 16, period = 0.001 s",
-            "or feedback_delay = 8 \\([0-9.]+ Hz\\) or period = 0.0005 s",
-        ),
-        (
-            {"current_bandwidth": 2.0, "integral_time": 0.1},
-            "integral_time = 0.1 s, current_bandwidth = 2 Hz",
-            "or current_bandwidth = 8 Hz",
-        ),
-        ({"law": ["pid", "observer"], "integral_time": 1e-3}, "integral_time = 0.001 s", "use integral_time = 0.005 s"),
-        ({"period": 0.2, "integral_time": 1.7e308}, "integral_time = 1.7e\\+308 s", "use integral_time = inf"),
-    ],
+    suite_runs(
+        [
+            (
+                {"damping": 0.1, "integral_time": 1e-3},
+                "integral_time = 0.001 s, damping = 0.1",
+                "or integral_time = 0.005 s with damping = 1 \\(26.9 Hz\\)",
+            ),
+            (
+                {"mode": "velocity", "velocity_bandwidth": 1e3},
+                "velocity_bandwidth = 1000 Hz, drive_period = 0.000125 s",
+                "\\(around velocity loops of .* use velocity_bandwidth = 500 Hz \\([0-9.]+ Hz\\) or drive_period",
+            ),
+            (
+                {"feedback_delay": 16, "integral_time": 0.05},
+                "integral_time = 0.05 s, feedback_delay = 16, period = 0.001 s",
+                "or feedback_delay = 8 \\([0-9.]+ Hz\\) or period = 0.0005 s",
+            ),
+            (
+                {"current_bandwidth": 2.0, "integral_time": 0.1},
+                "integral_time = 0.1 s, current_bandwidth = 2 Hz",
+                "or current_bandwidth = 8 Hz",
+            ),
+            (
+                {"law": ["pid", "observer"], "integral_time": 1e-3},
+                "integral_time = 0.001 s",
+                "use integral_time = 0.005 s",
+            ),
+            ({"period": 0.2, "integral_time": 1.7e308}, "integral_time = 1.7e\\+308 s", "use integral_time = inf"),
+        ],
+        0,
+        1,
+        3,
+    ),
 )
 def test_whatever_keeps_a_loop_from_its_margins_is_named_with_a_value_that_does(values, blamed, proposal):
     with pytest.raises(InputError, match=f"^servo {blamed}: .*{proposal}.*, each tried$"):
@@ -272,7 +284,7 @@ def test_a_notch_lifts_the_margin_and_a_mode_off_by_a_tenth_leaves_it_stable():
         assert margins_of(off, servo)[1].gain > 1.3
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(
     period=st.floats(1e-4, 8e-3),
     share=st.floats(0.01, 0.95),

@@ -88,6 +88,7 @@ class Kill:
         return {case: int(process) for case, process in (file.name.split("-") for file in self.folder.glob("*-*"))}
 
 
+@pytest.mark.soak
 def test_a_killed_worker_does_not_change_the_study(cluster, job, tmp_path):
     held_at = tmp_path / "held"
     held_at.mkdir()
@@ -161,6 +162,7 @@ def test_a_cluster_runs_as_many_cases_at_once_as_it_has_threads_or_as_asked_for(
         assert all(row["process"] != os.getpid() for row in rows_of(cases_of(job), measure=where, workers=1))
 
 
+@pytest.mark.soak
 def test_the_one_thread_of_a_cluster_is_used(cluster, job):
     (worker,) = cluster.filled(1)
     with on(cluster):
@@ -178,6 +180,7 @@ def test_the_address_of_a_worker_is_refused_as_scheduler(cluster):
         pass
 
 
+@pytest.mark.soak
 def test_an_interrupted_study_releases_the_cluster_and_resumes(cluster, job, tmp_path):
     held_at = tmp_path / "held"
     held_at.mkdir()
@@ -251,6 +254,7 @@ def test_a_worker_with_another_version_is_refused(cluster, gantrysim_command, tm
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.soak
 def test_a_worker_that_lacks_gantrysim_is_refused(cluster, job, tmp_path):
     with cluster.odd_one(without_gantrysim(tmp_path)), on(cluster), pytest.raises(WorkerError) as refused:
         rows_of(cases_of(job))
@@ -258,6 +262,7 @@ def test_a_worker_that_lacks_gantrysim_is_refused(cluster, job, tmp_path):
     assert str(refused.value) == f"a worker cannot read its cases: {reason}: must have all that the study has"
 
 
+@pytest.mark.soak
 def test_a_case_that_ends_its_workers_ends_the_study(cluster, job):
     workers = cluster.filled(2)
     with on(cluster), pytest.raises(WorkerError, match=r"^2 workers ended at the same case, the last at tcp://"):

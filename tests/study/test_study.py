@@ -21,6 +21,8 @@ from gantrysim.study.run import NoValuesError
 from support.strangers import half_done
 from support.studies import SHORT, Counted, Toy, cases_of, content
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 
 @pytest.fixture(scope="module")
 def job():

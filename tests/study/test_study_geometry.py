@@ -22,6 +22,8 @@ from gantrysim.study.repeat import study as positioning_module
 from gantrysim.study.repeat.report import report
 from gantrysim.study.repeat.study import positioning, targets_of
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 SETTLED = 2e-4  # of a position without friction, and of its play [mm]
 SECOND_ORDER = 2e-5  # errors act at the motor's position, not at the target [mm]
 STEP = 2e-4  # of a step of the circle [mm]

@@ -21,6 +21,7 @@ from gantrysim.study import Ledger, StudyInterrupted, run_cases, run_study
 from gantrysim.study import run as study_run
 from gantrysim.study.ledger import LEDGER
 
+from support.soaked import suite_runs
 from support.studies import PATIENCE, SHORT, Counted, Toy, begun, content, members, spoken
 
 DATA = ("study.csv", "curves.csv", "study.toml", "job.toml")
@@ -54,6 +55,7 @@ def test_a_study_that_is_interrupted_before_its_first_row_leaves_nothing(tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.soak
 def test_ctrl_c_in_a_terminal_ends_the_command_and_says_how_to_resume(tmp_path):
     folder = tmp_path / "loop"
     process = begun(folder)
@@ -117,7 +119,7 @@ def test_further_files_are_written_before_anything_is_printed(tmp_path, job, mon
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks the system for processes by their group")
-@pytest.mark.parametrize("rows", [0, 1])
+@pytest.mark.parametrize("rows", suite_runs([0, 1], 1))
 def test_workers_end_with_a_study_that_is_killed(tmp_path, rows):
     process = begun(tmp_path / "loop", rows)
     until = time.monotonic() + PATIENCE
@@ -190,6 +192,7 @@ def test_cases_withdrawn_before_a_worker_takes_them_leave_no_traceback(tmp_path,
     assert threading.excepthook is before
 
 
+@pytest.mark.soak
 def test_a_folder_in_use_is_refused_and_a_killed_study_resumes_with_the_same_rows(tmp_path, gantrysim_command):
     folder = tmp_path / "loop"
     process = begun(folder)

@@ -16,7 +16,10 @@ from gantrysim.study.tuning import TuningStudy
 from gantrysim.study.tuning.servo import servo_toml
 
 from support import own_laws
+from support.soaked import suite_runs
 from support.tunings import circle
+
+pytestmark = pytest.mark.usefixtures("blank_pictures")
 
 FILE = f"{own_laws.__file__}:compiled_pd"
 
@@ -33,6 +36,7 @@ def test_reversals_are_where_the_demand_turns():
     assert reversals(np.column_stack([x, 0 * x, -x])) == [(6, 0), (8, 0), (6, 2), (8, 2)]
 
 
+@pytest.mark.soak
 def test_the_ladder_gains_what_it_promises(studied):
     _, outcome = studied
     rows = {(row["law"], row["variation"]): row for row in outcome.rows}
@@ -116,7 +120,7 @@ def test_pd_leaves_out_what_the_job_gives_of_pid():
         LawsStudy(job, payload=-1)
 
 
-@pytest.mark.parametrize("name", ["trio-basic", "stage-outline"])
+@pytest.mark.parametrize("name", suite_runs(["trio-basic", "stage-outline"], 0))
 def test_feed_forward_with_a_third_of_the_integral_time_tracks_ten_times_better_than_pd(name):
     study = LawsStudy(Job.load(name))
     pd, stiff = (laws_row(Case.of(study.job, study.overrides(*rung))) for rung in (LADDER[0], LADDER[2]))
@@ -151,6 +155,7 @@ def test_a_case_of_a_study_takes_a_user_s_law():
     assert row["gain_margin"] == pytest.approx(same["gain_margin"], rel=1e-6)
 
 
+@pytest.mark.soak
 def test_the_tuner_tunes_a_law_and_writes_it(tmp_path):
     law = [FILE, "friction"]
     study = TuningStudy(circle(law=law), budget=12, robust=0, guards=2, unseen=1, law="pd")

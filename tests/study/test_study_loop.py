@@ -29,6 +29,10 @@ from gantrysim.study.loop.plots import plots
 from gantrysim.study.loop.report import question, report
 from gantrysim.study.loop.trends import Convergence, convergence, crossing, knee, loop_knee, power
 
+from support.soaked import suite_runs
+
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 SMALL = {
     "loop_periods": (0.01, 0.03, 0.1),
     "interpreter_times": (0.0, 1e-3, 4e-3),
@@ -209,6 +213,7 @@ class OtherLoop(SpiralTheory):
         return known and LoopErrors(Deviation(2 * known.program.rms, 2 * known.program.max), known.spacing)
 
 
+@pytest.mark.soak
 def test_any_controller_with_a_theory_of_its_loop_is_studied(study, monkeypatch):
     """The study reports the errors and uses the words of the theory that the controller gives."""
     known = results(study, known_rows())
@@ -284,6 +289,7 @@ def test_the_knee_of_known_rows(study):
     assert found["loop period", PERFECT, "growth of the program error"] == "T^1.00, 2 µm per ms"
 
 
+@pytest.mark.soak
 def test_a_faster_loop_that_is_worse_is_reported_with_its_cause(study):
     known = report(study, known_rows())
     assert "the contour error has knees at loop period (loop alone) " in known.answer
@@ -304,7 +310,7 @@ def test_a_faster_loop_that_is_worse_is_reported_with_its_cause(study):
     assert found["loop period", AS_IT_IS, "no values at and below"] == "3.981 ms"
 
 
-@pytest.mark.parametrize("resolution", [0, 1e-6])
+@pytest.mark.parametrize("resolution", suite_runs([0, 1e-6], 0))
 def test_the_cause_is_not_wa_where_its_rounding_is_small(resolution):
     free = LoopStudy(Job.load("an225", [f"wait_resolution={resolution}"]))
     found = results(free, known_rows())
@@ -312,6 +318,7 @@ def test_the_cause_is_not_wa_where_its_rounding_is_small(resolution):
     assert not any("WA" in result for _, _, result in found)
 
 
+@pytest.mark.soak
 def test_knees_at_the_ends_of_the_sweep(study):
     key = ("loop period", LOOP_ALONE, "knee")
     assert results(study, known_rows(floor=1e5))[key] == "> 1000 ms"
@@ -474,6 +481,7 @@ def test_the_points_of_the_plot_lie_on_the_predictions(done):
     assert points[:, 0].tolist() == pytest.approx([10, 30, 100])  # in ms
 
 
+@pytest.mark.soak
 def test_plots_of_a_study_without_values(study):
     rows = [{**dict(case.tags), "status": "refused: no"} for case in study.cases]
     plots = study.report(rows).plots

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Servo, simulate
@@ -18,6 +18,7 @@ from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.loop.sampling import circle_response, quantisation, sample_and_hold
 
 from support.runs import PERIOD
+from support.soaked import examples, suite_runs
 
 AGREE, LEAST = 0.01, 1e-4  # of a prediction with what is measured: 1 % or 0.1 µm [mm]
 NOTE = {"diameter": 120, "turns": 4, "thickness": 10, "speed": 100}
@@ -73,7 +74,7 @@ def test_ratio_of_few_bits(xy):
     assert cut > (1 + 4 * AGREE) * exact
 
 
-@settings(max_examples=12, deadline=None)
+@examples(12)
 @given(
     st.floats(30, 140),
     st.integers(1, 5),
@@ -214,14 +215,19 @@ def responses(machine, servo, circle, speed, radius):
 
 @pytest.mark.parametrize(
     ("period", "gains"),
-    [
-        (1e-3, {}),
-        (4e-3, {}),
-        (1e-3, {"integral_time": 0.03}),
-        (1e-3, {"feedforward": 0.0}),
-        (1e-3, {"delay": 5e-4}),
-        (1e-3, {"output_velocity": -1e-5}),
-    ],
+    suite_runs(
+        [
+            (1e-3, {}),
+            (4e-3, {}),
+            (1e-3, {"integral_time": 0.03}),
+            (1e-3, {"feedforward": 0.0}),
+            (1e-3, {"delay": 5e-4}),
+            (1e-3, {"output_velocity": -1e-5}),
+        ],
+        0,
+        2,
+        4,
+    ),
 )
 def test_following_error_of_sampling_and_winding(rigid, circle, period, gains):
     machine = rigid()

@@ -17,6 +17,9 @@ from gantrysim.study.machine import MachineStudy, Tolerances
 from gantrysim.study.machine.report import _draw_scatter, _draw_yield, influences, yield_of
 
 from support.distinct import unaccounted
+from support.soaked import suite_runs
+
+pytestmark = pytest.mark.usefixtures("blank_pictures")
 
 NEWCOMBE = {  # Wilson 95 % intervals as R. G. Newcombe prints them, Statistics in Medicine 17 (1998), table I
     (81, 263): (0.2553, 0.3662),
@@ -85,6 +88,7 @@ def test_with_few_machines_for_many_factors_a_dominant_one_is_still_significant(
     assert spearmanr(drawn["c"], metric).statistic > 0.85
 
 
+@pytest.mark.soak
 def test_false_alarms_are_about_one_study_in_twenty():
     generator = np.random.default_rng(2)
     alarms = [
@@ -290,8 +294,11 @@ def test_the_yield_is_given_above_and_below_the_median_of_a_factor(tolerance, sh
     assert yields == pytest.approx(shares, abs=5)
 
 
-@pytest.mark.parametrize("tolerance", [5.0, 11.0, 14.0, 20.0, 29.0, 35.0])
-@pytest.mark.parametrize("power", [0.2, 1.0, 5.0])
+@pytest.mark.parametrize(
+    ("tolerance", "power"),
+    # a tolerance below, among and above the errors
+    suite_runs(list(itertools.product([5.0, 11.0, 14.0, 20.0, 29.0, 35.0], [0.2, 1.0, 5.0])), 0, 4, 11, 16),
+)
 def test_the_label_of_the_yield_does_not_overlap_the_curve(tolerance, power):
     figure = 10 + 20 * np.linspace(0, 1, 65) ** power
     drawing = _draw_yield(figure, 12.0, tolerance, "error [µm]")

@@ -16,6 +16,7 @@ ROW = 20_000  # most that a row of the study may keep, its case, ledger and job'
 FIRST = 20  # runs after which all code is loaded
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("count", [45, pytest.param(10_000, marks=pytest.mark.soak)])
 def test_the_rows_are_all_that_is_kept_of_the_runs(count, record_property):
     record_property("attack", "memory: many runs in one study, which must not grow")

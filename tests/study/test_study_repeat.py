@@ -21,6 +21,8 @@ from gantrysim.study.repeat import (
 
 from support.distinct import unaccounted
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 PROJECTED = 1e-5  # [mm], of a shift seen square to the path: what the repeats' lags along it make of it
 SPIRAL = ("diameter=60.0", "turns=1", "thickness=10.0")
 
@@ -99,6 +101,7 @@ def test_repeats_that_differ_in_nothing_have_no_scatter(tmp_path):
     assert variation == ("0 % standard deviation", "none", "none, it starts on a servo tick")
 
 
+@pytest.mark.soak
 def test_home_offsets_scatter_the_path_by_their_normal_component(tmp_path):
     study = RepeatStudy(Job.load("softmc-arc"), repeats=6, friction=0.0, places=60)
     assert study.sources == ("home offset",)

@@ -187,6 +187,7 @@ def measured_together(cases):
     return [measure(case) for case in cases]
 
 
+@pytest.mark.soak
 def test_rows_do_not_depend_on_which_cases_are_measured_together(job):
     cases = [*cases_of(job), Case.of(job, {"program.turns": 9}, value=0.0)]
     cases.insert(2, cases[0].tagged(value="again"))

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
@@ -21,6 +21,9 @@ from gantrysim.study.speed.study import speed_changes
 
 from support.distinct import unaccounted
 from support.remedies import SIDES, lines_job
+from support.soaked import examples
+
+pytestmark = pytest.mark.usefixtures("blank_pictures")
 
 MOST_ROUNDS = 40
 
@@ -75,7 +78,7 @@ def test_an_island_beyond_the_limit_is_reported_and_is_not_the_answer():
     assert found.islands == (200.0,)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.lists(st.floats(2.0, 5000.0), min_size=0, max_size=6), st.booleans(), st.floats(1.0, 900.0))
 def test_every_speed_tried_below_the_answer_is_within_for_any_metric(edges, begins, own):
     edges = sorted(edges)

@@ -1,9 +1,17 @@
-"""Cases of a test that the soak runs all, and the test suite in part."""
+"""Cases and examples of a test that the soak runs all, and the test suite in part."""
 
+import os
 from collections.abc import Sequence
 from typing import Any
 
 import pytest
+from hypothesis import settings
+
+from gantrysim.job.loading import builtin_jobs
+
+# set by scripts/soak.py
+WHOLE = os.environ.get("GANTRYSIM_EXAMPLES") == "whole"
+FEWEST = 5  # examples
 
 
 def suite_runs(cases: Sequence[Any], *chosen: int) -> list[Any]:
@@ -17,3 +25,19 @@ def suite_runs(cases: Sequence[Any], *chosen: int) -> list[Any]:
         marks = () if number in chosen else pytest.mark.soak
         marked.append(pytest.param(*arguments, marks=marks))
     return marked
+
+
+def of_jobs(*names: str) -> list[Any]:
+    """Return the names of all built-in jobs, of which those that are given run in the test suite."""
+    jobs = builtin_jobs()
+    return suite_runs(jobs, *map(jobs.index, names))
+
+
+def number_of_examples(whole: int) -> int:
+    """Return how many of a property's examples are tried: a quarter of them in the test suite."""
+    return whole if WHOLE else max(whole // 4, min(whole, FEWEST))
+
+
+def examples(whole: int) -> settings:
+    """Return hypothesis's settings of a property that the soak tries with this many examples."""
+    return settings(max_examples=number_of_examples(whole))

@@ -7,7 +7,7 @@ from itertools import pairwise
 import ezdxf
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.special import ellipe
@@ -19,6 +19,7 @@ from gantrysim.paths.pieces import Coil
 
 from support import drawings
 from support.drawings import arc, circle, csv, dxf, farthest, line, polyline, sampled, svg
+from support.soaked import examples
 
 EXACT = 1e-9  # of lines and arcs [mm]
 SAMPLING = 1e-6  # of the brute force [mm]
@@ -64,7 +65,7 @@ def test_an_arc_runs_counter_clockwise_and_with_the_normal_down_clockwise_about_
 
 
 @given(st.floats(-3, 3).filter(lambda bulge: abs(bulge) > 1e-3), st.floats(-50, 50), st.floats(-50, 50))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_a_bulge_is_the_tangent_of_a_quarter_of_the_angle(bulge, x, y):
     found = path(dxf(polyline([(1, 2, bulge), (x + 60, y, 0)])))
     chord = math.hypot(x + 59, y - 2)
@@ -76,7 +77,7 @@ def test_a_bulge_is_the_tangent_of_a_quarter_of_the_angle(bulge, x, y):
 
 
 @given(st.floats(1, 40), st.floats(0.05, 0.99), st.floats(0, 2 * math.pi), st.floats(1e-3, 0.5))
-@settings(max_examples=10, deadline=None)
+@examples(10)
 def test_an_ellipse_has_its_perimeter_and_stays_within_the_tolerance(a, ratio, turned, tolerance):
     document = ezdxf.new("R2000")
     document.header["$INSUNITS"] = 4
@@ -99,7 +100,7 @@ def test_an_ellipse_has_its_perimeter_and_stays_within_the_tolerance(a, ratio, t
 @given(
     st.lists(st.tuples(st.integers(-40, 40), st.integers(-40, 40)), min_size=3, max_size=8, unique=True), st.booleans()
 )
-@settings(max_examples=6, deadline=None)
+@examples(6)
 def test_a_spline_passes_through_the_points_and_is_the_cubic_one_along_the_chords(points, closed):
     points = [*points, points[0]] if closed else points
     drawing = Drawing(csv(points), curve="spline", chord_tolerance=0.02)
@@ -216,7 +217,7 @@ def test_the_same_outline_in_dxf_svg_and_csv_gives_the_same_setpoints():
 
 
 @given(st.floats(-180, 180), st.floats(0.2, 5), st.floats(-30, 30), st.floats(-30, 30), st.booleans(), st.booleans())
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_rotation_scale_and_mirror_of_the_drawing_move_the_path(angle, scale, x, y, mirrored, drawn_as_svg):
     plain = path(outline_svg() if drawn_as_svg else outline())
     turn = scale * np.exp(1j * math.radians(angle))
@@ -347,7 +348,7 @@ def test_reused_and_hidden_elements_of_svg():
 
 
 @given(st.lists(st.floats(-2, 2), min_size=6, max_size=6), st.floats(1, 20), st.floats(1, 20), st.floats(-90, 90))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_any_affine_transform_of_an_ellipse(matrix, rx, ry, turned):
     a, b, c, d, e, f = matrix
     if abs(a * d - b * c) < 0.05:

@@ -10,6 +10,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.drawings import Drawing
 
 from support.drawings import circle, dxf, group, line
+from support.soaked import suite_runs
 
 LENGTH = 50 + 10 * math.pi + 50 + 20
 CHANGES = {
@@ -60,7 +61,7 @@ def test_a_wrong_handle_is_repaired(lines):
     assert drawing.sheet.remarks[0].startswith("damaged: ")
 
 
-@pytest.mark.parametrize("name", CHANGES)
+@pytest.mark.parametrize("name", suite_runs(CHANGES, 0, 3))
 def test_no_repair_changes_or_loses_an_entity(lines, name):
     begin, end = section(lines, "ENTITIES")
     undamaged = read(lines).sheet.strokes

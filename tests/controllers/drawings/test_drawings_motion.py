@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
@@ -14,6 +14,7 @@ from gantrysim.job.programs import build
 from gantrysim.paths.pieces import Line
 
 from support.drawings import bulge_points, circle, csv, differences, dxf, farthest, group, line, polyline, sampled, svg
+from support.soaked import examples
 
 TICK = 1e-3  # [s]
 # Share by which velocities and accelerations exceed their limits between the nodes of the profile, and absolute for
@@ -46,7 +47,7 @@ def closely(points, spacing=0.005):
 
 
 @given(vertices, st.floats(1e-3, 2.0))
-@settings(max_examples=12, deadline=None)
+@examples(12)
 def test_every_corner_deviates_by_at_most_the_tolerance(points, tolerance):
     drawing = Drawing(dxf(polyline(points)), corner_tolerance=tolerance)
     exact = closely(drawn(points))
@@ -103,7 +104,7 @@ accelerations = st.tuples(*[st.sampled_from([300.0, 2000.0, 5000.0])] * 2, st.ju
 
 
 @given(vertices, st.sampled_from([0, 0.02, 0.5]), limits, accelerations, st.sampled_from([20.0, 100.0, 400.0]))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_setpoints_keep_the_limits_of_the_axes_and_the_speed(points, tolerance, velocity, acceleration, speed):
     drawing = Drawing(
         dxf(polyline(points), circle((5.0, 5.0), 3.0)),
@@ -201,7 +202,7 @@ def test_colours_and_groups_of_svg():
 
 
 @given(st.floats(1e-6, 0.009), st.floats(0, 2 * math.pi), st.sampled_from(["line", "arc", "arcs"]))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_strokes_whose_ends_nearly_meet_are_joined(gap, direction, kind):
     dx, dy = gap * math.cos(direction), gap * math.sin(direction)
     first, second = {

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
@@ -16,6 +16,7 @@ from gantrysim.controllers.drawings import Drawing
 from gantrysim.job.programs import build
 
 from support.drawings import arc, circle, csv, dxf, group, line, polyline, svg
+from support.soaked import examples
 
 SQUARE = csv([(0, 0), (10, 0), (10, 10)])
 BLOCKS = group((0, "BLOCK"), (8, "0"), (2, "A"), (70, 0), (10, 0.0), (20, 0.0), (30, 0.0)) + line((0, 0), (3, 0))
@@ -110,7 +111,7 @@ def test_many_changed_drawings_are_read_or_refused_in_one_line(seed, record_prop
 
 
 @given(st.text(max_size=200), st.sampled_from(["auto", "dxf", "svg", "csv"]))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @pytest.mark.filterwarnings("ignore")
 def test_any_text_is_read_or_refused_in_one_line(text, kind):
     attempt(text, format=kind)

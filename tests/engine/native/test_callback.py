@@ -21,6 +21,7 @@ from gantrysim.engine.started import Started
 from gantrysim.machine.row import ROW_NUMBERS
 
 from support.runs import plain, ramp
+from support.soaked import suite_runs
 
 OURS = (callback.__file__, signals.__file__)
 MOST = 4000  # points of one enter and exit, by far
@@ -296,7 +297,7 @@ def test_a_law_waits_for_those_that_are_there_and_they_for_it(machine, before):
     assert state() == before
 
 
-@pytest.mark.parametrize("function", ["on_control", "_tick"])
+@pytest.mark.parametrize("function", suite_runs(["on_control", "_tick"], 0))
 def test_an_interrupt_in_the_callback_of_a_law_is_not_lost(machine, before, function):
     """MuJoCo calls it from C, where an exception would be told and dropped."""
     calls = []

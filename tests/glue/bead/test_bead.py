@@ -18,12 +18,12 @@ from gantrysim.cli.tables import outcome_table
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.glue.bead import Bead, BeadSettings, Section
 from gantrysim.glue.bead.trace import BeadTrace, spread
-from gantrysim.job.loading import builtin_jobs
 from gantrysim.record.run_file import Fault
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.report.sections import bead_section
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, away_from_ends, laid, line, spiral, volume_of
+from support.soaked import of_jobs
 
 CONSTANT = 1e-3  # relative, the width under constant flow and speed
 EXACT = 1e-9  # relative, of volumes and closed forms
@@ -493,7 +493,7 @@ def test_impossible_settings_are_refused():
             BeadSettings(**values)
 
 
-@pytest.mark.parametrize("name", builtin_jobs())
+@pytest.mark.parametrize("name", of_jobs("an225-3d", "delta-arc", "linuxcnc-flanges", "slicer-square"))
 def test_a_jobs_bead_holds_what_flowed(name):
     job = Job.load(name)
     bead = Bead(job.follow(), job.bead)

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Dispenser, Machine
@@ -17,6 +17,7 @@ from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, laid, spiral
+from support.soaked import examples, suite_runs
 
 COVERED = 2e-3  # of the area, of straight beads in any direction over the grid, of cells up to a third of the width
 TURNS = 3e-3  # likewise of a spiral, whose last turn ends round
@@ -56,7 +57,7 @@ def share_between(bead, offset, along, across, pitch):
     "width / pitch, at most 1",
     "0.2 % of the area",
 )
-@pytest.mark.parametrize("cell", [0.1, 0.25, 0.5, 1.0, 1.5])
+@pytest.mark.parametrize("cell", suite_runs([0.1, 0.25, 0.5, 1.0, 1.5], 1, 4))
 @pytest.mark.parametrize("ratio", [0.5, 0.7, 0.85, 0.9, 0.93, 0.96, 0.99, 1.0, 1.04, 1.1])
 def test_parallel_beads_cover_the_share_of_their_width_in_the_pitch(ratio, cell):
     pitch = WIDTH / ratio
@@ -65,7 +66,7 @@ def test_parallel_beads_cover_the_share_of_their_width_in_the_pitch(ratio, cell)
     assert share == pytest.approx(min(ratio, 1.0), abs=COVERED)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     st.floats(0.5, 1.1),
     st.sampled_from([0.1, 0.25, 0.5, 1.0]),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Dispenser, InputError, Machine
@@ -14,6 +14,7 @@ from gantrysim.glue.bead.pushing import push_aside
 from gantrysim.record.setpoints import Setpoints
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, laid, line, spiral
+from support.soaked import examples
 
 VOLUME = 1e-6  # relative, on the map against what flowed
 WIDTH = 1e-3  # relative, of the wet width along a bead
@@ -45,7 +46,7 @@ def wet_widths(bead, place, direction, reach):
     "integral of the flow",
     "1e-6 relative",
 )
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     st.integers(0, 2**32 - 1),
     st.floats(0.1, 3.0),

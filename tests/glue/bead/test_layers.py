@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import gantrysim as gs
@@ -19,6 +19,7 @@ from gantrysim.paths.pieces import Coil, Line
 from gantrysim.record.setpoints import Setpoints
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED
+from support.soaked import examples
 
 VOLUME = 1e-6  # relative, on the map against what flowed
 FILM = 0.021  # of the gap, within which a film is even
@@ -169,7 +170,7 @@ def test_a_small_circle_that_climbs_is_no_single_layer():
     assert bead.map.volume == pytest.approx(bead.total_volume, rel=VOLUME)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0), st.booleans())
 def test_no_glue_is_lost_among_layers(seed, steepness, squashed):
     random = np.random.default_rng(seed)

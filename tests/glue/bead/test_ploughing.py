@@ -18,6 +18,7 @@ from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints
 
 from support.beads import AREA, GAP, PERIOD, SPEED
+from support.soaked import suite_runs
 
 XYZ = Machine("xyz")
 AXES = ("x", "y", "z")
@@ -293,7 +294,9 @@ def test_glue_that_flows_at_rest_in_the_air_lies_on_the_work():
     assert ploughed(bead) == Ploughing()
 
 
-@pytest.mark.parametrize(("away", "dispense", "touches"), [(0.3, True, False), (0.2, True, True), (0.3, False, True)])
+@pytest.mark.parametrize(
+    ("away", "dispense", "touches"), suite_runs([(0.3, True, False), (0.2, True, True), (0.3, False, True)], 1)
+)
 def test_a_dispensing_needle_passes_a_section_only_where_its_axis_does(away, dispense, touches):
     """A section 0.8 mm wide in the origin; the needle, 0.5 mm in radius, passes it so far along the trace."""
     one = np.ones(1)

@@ -251,6 +251,7 @@ def test_a_trembling_trace_is_drawn_with_the_rings_of_a_calm_one(run):
     assert np.isfinite(mesh.vertices).all()
 
 
+@pytest.mark.soak
 def test_a_mesh_depends_on_its_tick_alone(run):
     """Not on the ticks that were drawn before."""
     dots = on_and_off(run, [(k / 20, k / 20 + 0.02) for k in range(20)])

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
@@ -18,6 +18,8 @@ from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.glue.dispenser.volumetric import Pump
 from gantrysim.job.job import Job
+
+from support.soaked import examples, suite_runs
 
 PERIOD = 1e-3
 AREA = 0.8  # [mm²]
@@ -89,8 +91,8 @@ FLUIDS = {
     "scipy's LSODA, needle by quadrature",
     "0.5 % of the largest flow, 0.1 % of the volume",
 )
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("fluid", FLUIDS)
+@pytest.mark.parametrize("seed", suite_runs([1, 2], 1))
+@pytest.mark.parametrize("fluid", suite_runs(list(FLUIDS), 0, 2))
 @pytest.mark.parametrize("kind", ["piston", "volumetric"])
 def test_the_flow_over_random_speeds_is_that_of_the_ode(kind, fluid, seed):
     needle = FLUIDS[fluid]
@@ -118,7 +120,7 @@ def test_the_flow_over_random_speeds_is_that_of_the_ode(kind, fluid, seed):
     assert flow.sum() == pytest.approx(expected.sum(), rel=1e-3)
 
 
-@pytest.mark.parametrize("compliance", [1e-6, 1e-4, 1e-3])
+@pytest.mark.parametrize("compliance", suite_runs([1e-6, 1e-4, 1e-3], 0))
 def test_a_stiff_line_follows_its_motor(compliance):
     needle = FLUIDS["shear-thinning"]
     on, speed = random_motion(4, 900)
@@ -128,7 +130,7 @@ def test_a_stiff_line_follows_its_motor(compliance):
     np.testing.assert_allclose(flow, expected, rtol=0, atol=0.005 * expected.max())
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seed=st.integers(0, 10_000))
 def test_no_more_flows_out_than_was_displaced_whatever_the_line(seed):
     rng = np.random.default_rng(seed)

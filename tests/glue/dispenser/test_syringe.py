@@ -13,6 +13,8 @@ from gantrysim import InputError, Job, Needle
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.glue.dispenser.syringe import ATMOSPHERE, Syringe, exchanged_pressure
 
+from support.soaked import suite_runs
+
 PERIOD = 1e-3
 EXACT = 1e-9  # relative, of the air's pressure against closed forms
 AIR = 1e-6  # the same against integrals
@@ -108,9 +110,9 @@ def test_the_default_conductance_is_that_of_its_hose():
 )
 @pytest.mark.parametrize("lags", [{}, {"opening": 0.01, "closing": 0.02}], ids=["none", "lags"])
 @pytest.mark.parametrize(
-    "syringe", [Syringe(), Syringe(fill=0.1), Syringe(volume=1.0, dead_volume=0.2, conductance=0.05)]
+    "syringe", suite_runs([Syringe(), Syringe(fill=0.1), Syringe(volume=1.0, dead_volume=0.2, conductance=0.05)], 1, 2)
 )
-@pytest.mark.parametrize("stress", [0.0, 150.0])
+@pytest.mark.parametrize("stress", suite_runs([0.0, 150.0], 1))
 def test_a_pulse_lays_what_the_mass_of_the_air_says(syringe, lags, stress):
     """Against small steps of the air's mass m = p V and of the glue's volume."""
     needle = replace(NEEDLE, yield_stress=stress)

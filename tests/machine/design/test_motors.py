@@ -6,12 +6,14 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError
 from gantrysim.base.input_files import validated_model
 from gantrysim.machine.design.library import Motor, Winding, largest_torque, motor_names, motor_of
+
+from support.soaked import examples
 
 CONTENT = tomllib.loads((files("gantrysim.machine.design") / "library.toml").read_text(encoding="utf-8"))
 SERVOS = [name for name, data in CONTENT["motors"].items() if data["kind"] in ("brushed", "bldc")]
@@ -65,7 +67,7 @@ def test_a_stepper_s_copper_loss_at_its_holding_torque_is_that_of_two_phases(nam
     assert motor.torque_at(0.0, data["voltage"], motor.current) == pytest.approx(data["holding_torque"])
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(k=st.floats(0.01, 0.5), ohm=st.floats(0.1, 5), volt=st.floats(12, 80), share=st.floats(0, 0.99))
 def test_a_brushed_motor_s_torque_falls_with_its_speed(k, ohm, volt, share):
     speed = share * volt / k
@@ -74,7 +76,7 @@ def test_a_brushed_motor_s_torque_falls_with_its_speed(k, ohm, volt, share):
     assert largest_torque(winding, speed, volt, 1e-3) == pytest.approx(min(k * 1e-3, k * (volt - k * speed) / ohm))
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(k=st.floats(0.1, 0.5), ohm=st.floats(0.3, 3), henry=st.floats(1e-3, 6e-3), speed=st.floats(0, 60))
 def test_a_stepper_s_pull_out_torque(k, ohm, henry, speed):
     """K V / |Z| - K² w R / |Z|² of a voltage-driven two-phase motor, over all load angles up to 90 degrees."""

@@ -15,6 +15,7 @@ from gantrysim.machine.design.build import mjcf_in, modes
 from gantrysim.machine.design.library import motor_of
 from gantrysim.machine.ideal import without_compliance
 
+from support.soaked import suite_runs
 from support.tables import BELT, EXAMPLES, IDEAL, LIBRARY, RACK, SCREW, example, ideal
 
 NAMES = sorted(file.stem for file in EXAMPLES.glob("*.toml"))
@@ -321,7 +322,7 @@ def test_power_in_is_copper_loss_friction_and_kinetic_energy(machines):
     assert electric == pytest.approx(copper + kinetic + spring + viscous + shaft + dry, rel=5e-3)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", suite_runs(NAMES, 0, 2))
 def test_the_spiral_runs_on_each(name):
     job = Job.load("an225", ["turns=1"], machine=str(EXAMPLES / f"{name}.toml"))
     run = job.run()

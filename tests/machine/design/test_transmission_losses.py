@@ -14,6 +14,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.record.setpoints import Setpoints
 
 from support.runs import ramp
+from support.soaked import suite_runs
 from support.tables import EXAMPLES, SCREW, ideal
 
 LEAD, LOAD, NUT = 0.020, 1.0, 0.25
@@ -90,7 +91,8 @@ def test_a_transmission_below_one_half_holds_its_load(tmp_path):
             assert run.motor[-1, 0] == pytest.approx(0.5 * a * run.time[-1] ** 2, rel=0.03)
 
 
-@pytest.mark.parametrize("name", ["corexy", "tandem"])
+@pytest.mark.soak
+@pytest.mark.parametrize("name", suite_runs(["corexy", "tandem"], 0))
 def test_belts_and_two_drives_lose_it_too(tmp_path, name):
     """The work of all motors between two rests is what is lost: more with less efficiency, about by its share."""
     text = (EXAMPLES / f"{name}.toml").read_text()
@@ -145,6 +147,7 @@ def test_the_accuracy_class_displaces_the_nozzle(tmp_path):
     assert built(tmp_path).geometry is None
 
 
+@pytest.mark.soak
 def test_a_job_s_geometry_takes_the_place_of_the_table_s(tmp_path):
     file = str(EXAMPLES / "cantilever.toml")
     own, other = Job.load("an225", ["turns=1"], machine=file), Job.load("an225", ["turns=1", "play=0.01"], machine=file)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
@@ -24,6 +24,8 @@ from gantrysim.render.view.texts import (
     plain,
     thinned_curve,
 )
+
+from support.soaked import examples
 
 CLOCK = 1e-9  # relative, of sums of seconds
 
@@ -160,7 +162,7 @@ def test_texts_are_ascii(text):
 curves = st.integers(0, 2**32 - 1).map(lambda seed: np.random.default_rng(seed).normal(size=5000).cumsum())
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(curves, st.integers(2, 1000))
 def test_thinned_curve_keeps_points_order_and_every_peak(value, points):
     time = np.arange(len(value)) * 1e-3

@@ -16,6 +16,7 @@ from gantrysim.render.scene import Scene
 from gantrysim.render.view.source import Bodies, Live, Replay
 
 from support.runs import PERIOD, plain, ramp
+from support.soaked import suite_runs
 
 DEFLECTION = 1e-6  # relative, of a servo's spring
 RETURNED = 1e-3  # of the spring's deflection, that an integral term leaves
@@ -221,7 +222,7 @@ def test_a_hard_push_trips_the_drive(rigid, held):
     assert live.fault.value < -1.0
 
 
-@pytest.mark.parametrize("name", builtin_models())
+@pytest.mark.parametrize("name", suite_runs(builtin_models(), 0, 3))
 def test_a_push_reaches_the_body_that_was_chosen(name):
     machine = Machine(name)
     job = next(

@@ -425,6 +425,7 @@ def test_lines_are_coarser_on_a_page_than_in_the_picture(budget, tmp_path):
             assert (np.nanmin(thinner), np.nanmax(thinner)) == (np.nanmin(y), np.nanmax(y))
 
 
+@pytest.mark.soak
 def test_plots_that_exist_are_left_alone(analysis, tmp_path):
     (tmp_path / "error.png").write_bytes(b"as it is")
     saved = plots.save_plots(analysis, tmp_path, only_missing=True)

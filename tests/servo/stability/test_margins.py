@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -26,7 +26,7 @@ from gantrysim.servo.stability.margins import Margins, Plant, margins_of, sensit
 from gantrysim.servo.stability.motion import Drives, Motion
 
 from support.runs import ideal_motors, plain, smooth, turntable
-from support.soaked import suite_runs
+from support.soaked import examples, suite_runs
 
 RESPONSE = 1e-7  # of the open loop against the closed form, relative
 POLES = 1e-6  # of closed loops, absolute; two that lie together move by the root of rounding
@@ -165,7 +165,7 @@ def test_poles_are_those_of_a_tick_written_out(rigid, damping, delay):
     assert poles == pytest.approx(expected, abs=POLES)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     frequency=st.floats(2, 200),
     damping=st.floats(0.1, 4),
@@ -282,7 +282,9 @@ def away(machine, servo, ticks, size=0.02, step=STEP):
 )
 @pytest.mark.parametrize(
     ("name", "payload", "delay"),
-    [("xy", 0.2, 0.0), ("xy", 0, 7.5e-4), ("xyzr", 0, 1e-3), ("stage", 0.2, 2.5e-4), ("delta", 0, 0.0)],
+    suite_runs(
+        [("xy", 0.2, 0.0), ("xy", 0, 7.5e-4), ("xyzr", 0, 1e-3), ("stage", 0.2, 2.5e-4), ("delta", 0, 0.0)], 0, 2, 4
+    ),
 )
 def test_the_engine_moves_as_the_linear_machine_does_the_closer_the_shorter_its_step(name, payload, delay):
     """A motion of all axes small enough to be linear, from the engine's torque demands; the error falls as step^2."""
@@ -305,7 +307,9 @@ def test_the_engine_moves_as_the_linear_machine_does_the_closer_the_shorter_its_
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize(("build", "integral_time"), [("rigid", 0.02), ("xy", math.inf), ("xyz", 0.02)])
+@pytest.mark.parametrize(
+    ("build", "integral_time"), suite_runs([("rigid", 0.02), ("xy", math.inf), ("xyz", 0.02)], 0, 2)
+)
 def test_a_simulated_machine_is_stable_below_its_gain_margin_and_unstable_above_it(rigid, build, integral_time, axis):
     machine = rigid() if build == "rigid" else Machine(build).perturbed(NO_FRICTION)
     servo = pd(machine, integral_time=integral_time)
@@ -346,7 +350,7 @@ def test_a_payload_lowers_the_crossover(xy):
         assert one.crossover < other.crossover
 
 
-@pytest.mark.parametrize("name", ["xy", "xyz", "xyzr", "stage", "delta"])
+@pytest.mark.parametrize("name", suite_runs(["xy", "xyz", "xyzr", "stage", "delta"], 0, 3, 4))
 @pytest.mark.parametrize("integral_time", [math.inf, 0.05])
 def test_the_gain_margins_of_the_built_in_machines_are_where_a_pole_leaves_the_circle(name, integral_time):
     servo = pd(Machine(name), integral_time=integral_time)
@@ -394,7 +398,7 @@ def test_lightly_damped_modes_are_resolved(rigid, damping, stiffness):
     assert inside < 1 < outside
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(factor=st.floats(1e-3, 1e3), name=st.sampled_from(["xy", "stage"]))
 def test_scaling_machine_and_gains_alike_keeps_the_margins(factor, name):
     machine = Machine(name)

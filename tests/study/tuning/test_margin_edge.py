@@ -51,6 +51,7 @@ def test_the_stiffest_shape_has_the_gain_of_the_best_of_a_grid_and_keeps_the_mar
     )
 
 
+@pytest.mark.soak
 def test_the_stiffest_shape_is_the_same_for_all_axes(stability):
     shared = edge(stability).stiffest()
     separate = edge(stability, per_axis=True).stiffest()

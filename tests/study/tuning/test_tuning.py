@@ -28,6 +28,8 @@ from support.soaked import suite_runs
 from support.studies import content
 from support.tunings import GAINS, best_of_grid, circle, detuned, searched, tuning
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 OF_GRID = 1.05  # largest ratio of the metric found to the best of an exhaustive grid
 EXACT = 1e-12  # relative
 BUDGET = 26  # runs of the search that most tests share
@@ -205,6 +207,7 @@ def test_the_final_check_runs_start_and_result_on_other_machines(outcome):
     assert tuned[1]["contour_rms_um"] < start[1]["contour_rms_um"]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("workers", [2])
 def test_the_result_does_not_depend_on_the_number_of_workers(outcome, poor, tmp_path, workers):
     _, done, folder = outcome
@@ -254,6 +257,7 @@ def test_an_interrupted_search_resumes_to_the_same_result(outcome, poor, tmp_pat
     assert content(tmp_path / "a") == content(folder)
 
 
+@pytest.mark.soak
 def test_a_start_that_faults_is_replaced_by_feasible_gains():
     study = tuning(detuned(1.0, kp=40.0, ki=40.0), budget=24)
     rows = searched(study)
@@ -285,6 +289,7 @@ def test_a_machine_with_rotary_axes_is_tuned(tmp_path):
     assert again.built_servo == history.best.servo
 
 
+@pytest.mark.soak
 def test_axes_tuned_separately_for_the_tracking_error():
     crooked = detuned(0.3)
     crooked = crooked.changed({"servo.kp": [0.1 * crooked.servo.kp[0], crooked.servo.kp[1]]})
@@ -309,6 +314,7 @@ def test_axes_tuned_separately_for_the_tracking_error():
 OF_EVOLUTION = 14.57  # least servo_max of the circle in 1840 runs of SciPy's differential evolution [µm]
 
 
+@pytest.mark.soak
 def test_the_largest_error_is_minimised_in_the_better_of_its_two_valleys(monkeypatch):
     """Velocity feed-forward far above the viscous torque compensates friction; a descent from its share stays there."""
     study = tuning(circle(), metric="servo_max", budget=60, robust=0, unseen=0)
@@ -349,6 +355,7 @@ def test_the_answer_names_the_constraint_that_the_start_misses(job, monkeypatch)
     )
 
 
+@pytest.mark.soak
 def test_the_start_stays_where_nothing_better_is_found(outcome):
     first, done, folder = outcome
     found = Job.load(folder / "job.toml", servo=folder / TUNED)
@@ -636,6 +643,7 @@ def test_the_median_of_unseen_machines_is_that_of_the_lower_half(outcome):
         assert table["unseen machines within all limits"][k] == sum(peak <= 2.0 for peak in peaks)
 
 
+@pytest.mark.soak
 def test_a_note_says_that_tuning_cannot_fix_errors_of_the_program():
     job = Job.load("an225", ["turns=1", "diameter=40", "simulation.settle=0.05"])
     study = tuning(job, budget=8, robust=0, unseen=0)

@@ -26,7 +26,7 @@ SOFT = {"kp": 0.3, "kd": 2.0}
 SKEWED = {"kp": 4.0, "ki": 0.2, "velocity_ff": 0.0}
 
 
-@pytest.mark.parametrize("factors", suite_runs([SOFT, SKEWED], 1))
+@pytest.mark.parametrize("factors", suite_runs([SOFT, SKEWED]))
 def test_the_search_is_not_behind_nelder_mead_that_is_given_the_derived_gains(script, tmp_path, monkeypatch, factors):
     peaks = []
     sensitivity = Plant.sensitivity

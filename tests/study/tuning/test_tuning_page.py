@@ -12,6 +12,8 @@ from gantrysim.study.tuning.objective import RIPPLE, case_of, trial_result
 
 from support.tunings import GAINS, searched
 
+pytestmark = pytest.mark.usefixtures("blank_pictures")
+
 PAGE = (Path(__file__).parents[3] / "docs/tuning.md").read_text(encoding="utf-8")
 SHOWN = 0.01  # relative, of published errors
 UNSEEN = 1.1  # largest ratio of the metric on an unseen machine to that of the worst machine of the search

@@ -1,12 +1,13 @@
 """The search space, its gains and bounds, and the stability margin that limits it."""
 
 import dataclasses
+import itertools
 import math
 import tomllib
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Job, Machine, Servo
@@ -17,6 +18,8 @@ from gantrysim.study.tuning.objective import RIPPLE, trial_result
 from gantrysim.study.tuning.servo import servo_toml, tuned_toml
 from gantrysim.study.tuning.space import SEARCHED, SPACES, SearchSpace
 from gantrysim.study.tuning.stability import Fastest, Stability, phase_margin
+
+from support.soaked import examples, suite_runs
 
 PERIOD = 1e-3
 ROUNDED = 5.1e-4  # relative, of four digits
@@ -39,7 +42,7 @@ def space(law="pid", start=None, per_axis=False, axes=AXES, derived=DERIVED):
 factor = st.floats(0.03, 30.0)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.tuples(*[factor] * 5), st.sampled_from(list(SPACES)), st.booleans())
 def test_the_start_has_a_point_that_gives_it_back(factors, law, per_axis):
     names = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")
@@ -160,9 +163,11 @@ def machines(xyz):
     return [xyz, xyz.perturbed(Perturbation(payload=0.5, stiffness=0.6)), xyz.perturbed(Perturbation(viscous=2.0))]
 
 
-@pytest.mark.parametrize("margin", [1.6, 2.0, 3.0])
-@pytest.mark.parametrize("per_axis", [False, True])
-@pytest.mark.parametrize("guess", [-0.6, 0.0, 0.5])
+@pytest.mark.parametrize(
+    ("margin", "per_axis", "guess"),
+    # a case of each margin, of each guess, and of axes together and apart
+    suite_runs(list(itertools.product([1.6, 2.0, 3.0], [False, True], [-0.6, 0.0, 0.5])), 0, 10, 14),
+)
 def test_the_fastest_loops_are_at_the_edge_of_the_margin_on_the_hardest_machine(machines, margin, per_axis, guess):
     stability = Stability(machines, PERIOD, 0.0, margin)
     own = space("pid", per_axis=per_axis, axes=machines[0].axes, derived=Servo.derive(machines[0].axes, PERIOD))
