@@ -83,7 +83,6 @@ def contents(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
-@pytest.mark.soak
 @pytest.mark.parametrize(
     "words",
     [

@@ -64,7 +64,6 @@ def measured_rows():
     return {(row.model, row.judged): row for row in SCRIPT["rows"](Path(DATA), fit=False)}
 
 
-@pytest.mark.soak
 def test_published_machine_follows_both_laps_as_the_equation_does(measured_rows):
     for judged in SCRIPT["LAPS"]:
         published = measured_rows["published", judged]
@@ -75,7 +74,6 @@ def test_published_machine_follows_both_laps_as_the_equation_does(measured_rows)
         assert measured_rows["guessed", judged].rms > 3 * published.rms
 
 
-@pytest.mark.soak
 def test_page_has_the_rows_of_the_measured_axis(measured_rows):
     page = read_pages()["validation.md"]
     for row in measured_rows.values():
