@@ -52,7 +52,7 @@ _SEED = {"camera": RandomValue(0.0, (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), "1", "se
 # a seed from 0 to 1 has as many values as a float resolves there
 _SEEDS = 2**53
 
-# largest width error that is observed, and that costs more than a smaller one [tolerances]
+# width error above which none is observed as larger, or costs more [tolerances]
 _WORST = 10.0
 # penalty of an interval lost by a fault; the largest of one without is 1
 _FAULT = 2.0
