@@ -12,12 +12,13 @@ from matplotlib.patches import FancyBboxPatch
 
 import gantrysim as gs
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import UM
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Assignment, Trace
 from gantrysim.glue.bead import Bead
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.report.plots.style import COLOURS, UM, thinned_line
+from gantrysim.report.plots.style import COLOURS, thinned_line
 from gantrysim.results.colours import BAD, GOOD, INK, NEAR, RUNS
 from gantrysim.study.machine import MachineStudy
 from gantrysim.study.run import run_study

@@ -18,8 +18,9 @@ from rich.table import Table
 
 from gantrysim import InputError, Job, Servo, simulate
 from gantrysim.base.errors import finite_of, unknown
+from gantrysim.base.quantity import UM
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
-from gantrysim.report.plots.style import UM, sheet, thinned_line, turn_colours
+from gantrysim.report.plots.style import sheet, thinned_line, turn_colours
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.request import DERIVED
 from gantrysim.servo.stability.margins import Plant

@@ -15,6 +15,9 @@ NOTHING = "–"  # a value that is missing
 MINUS = "−"
 NO_BREAK_SPACE = "\u00a0"
 
+PER_CENT = 100.0  # in a share of 1
+UM = 1e3  # micrometres in a millimetre
+
 _UNITS = (
     "µm/s|µm|mm/s³|mm/s²|mm/s|mm/min|mm²|mm³/s|mm³|mm|ms|µs|s|Hz|kHz|deg/s²|deg/s|deg|%|N·m|N|V|A|W|bar|rad|rms|kB|MB|"
     "kg|g|ppm|ticks?|counts?"

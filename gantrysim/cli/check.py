@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from gantrysim.cli.options import (
     AllowCode,
     At,
+    JobArgument,
     Model,
     Reader,
     Rotate,
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def check(
-    job: Annotated[str, typer.Argument(help="Built-in job, TOML file, or program file.", show_default=False)],
+    job: JobArgument,
     model: Model = None,
     settings: Settings = None,
     controller: Reader = None,

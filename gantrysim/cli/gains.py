@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.base.errors import InputError, expanded_path
-from gantrysim.cli.options import AllowCode, Model, ServoFile, Settings
+from gantrysim.cli.options import AllowCode, JobArgument, Model, ServoFile, Settings
 from gantrysim.cli.terminal import say, show, warn
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ Source = Annotated[
 
 
 def gains(
-    job: Annotated[str, typer.Argument(help="Built-in job, TOML file, or program file.")] = "an225",
+    job: JobArgument = "an225",
     export: Export = None,
     source: Source = None,
     out: Annotated[Path | None, typer.Option(help="File to write; by default the standard output.")] = None,

@@ -12,6 +12,7 @@ from gantrysim.base.errors import InputError, expanded_path
 from gantrysim.cli.options import (
     AllowCode,
     At,
+    JobArgument,
     Model,
     Reader,
     Rotate,
@@ -67,7 +68,7 @@ _JOB_SUFFIX = ".toml"
 
 
 def improve(
-    job: Annotated[str, typer.Argument(help="Built-in job, TOML file, or program file.")] = "an225",
+    job: JobArgument = "an225",
     model: Model = None,
     settings: Settings = None,
     servo: ServoFile = None,

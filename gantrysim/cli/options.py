@@ -11,6 +11,7 @@ import typer
 from gantrysim.base.errors import InputError, expanded_path, finite_of, plane_point, space_point
 from gantrysim.base.files import complete, pending
 
+JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="Built-in job, TOML file, or program file.")]
 Model = Annotated[
     str | None,
     typer.Option(

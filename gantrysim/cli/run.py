@@ -10,6 +10,7 @@ import typer
 from gantrysim.cli.options import (
     AllowCode,
     At,
+    JobArgument,
     Model,
     Reader,
     Rotate,
@@ -64,7 +65,7 @@ Verbose = Annotated[
 
 
 def run(
-    job: Annotated[str, typer.Argument(help="Built-in job, TOML file, or program file.")] = "an225",
+    job: JobArgument = "an225",
     out: Annotated[
         Path | None, typer.Option(callback=to_write, help="Output folder; by default out/NAME, with the job's name.")
     ] = None,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.base import signals
-from gantrysim.cli.options import AllowCode, Model, Settings, to_write
+from gantrysim.cli.options import AllowCode, JobArgument, Model, Settings, to_write
 from gantrysim.cli.terminal import FAULT, INCOMPLETE, count_bar, interruptible, say, show, warn
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 _OF_FOLDER = re.compile(r"(gantrysim (?:improve|study \w+)) (job\.toml)")
 
 # options of every study
-JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="Built-in job, TOML file, or program file.")]
 Out = Annotated[Path | None, typer.Option(callback=to_write, help="Output folder; by default out/STUDY-JOB.")]
 Workers = Annotated[
     int | None,

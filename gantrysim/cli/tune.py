@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from gantrysim.cli.options import AllowCode, Model, Settings
-from gantrysim.cli.study import Backend, JobArgument, Out, Seed, Workers, carry_out
+from gantrysim.cli.options import AllowCode, JobArgument, Model, Settings
+from gantrysim.cli.study import Backend, Out, Seed, Workers, carry_out
 from gantrysim.cli.terminal import say, warn
 
 Law = Annotated[

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import UM
 from gantrysim.compare.alignment import alignment_words, estimate_rows
 from gantrysim.compare.compare_quantities import (
     DIFFERENCE,
@@ -28,7 +29,7 @@ from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES, PART_SIZES
 from gantrysim.report.document import Column, Section, Table, lead_of
 from gantrysim.report.drawn_page import write_page
-from gantrysim.report.plots.style import COLOURS, UM, axes_on, draw_limit, sheet, thinned_line
+from gantrysim.report.plots.style import COLOURS, axes_on, draw_limit, sheet, thinned_line
 from gantrysim.report.sections import drawn_plot
 from gantrysim.report.summary import versions
 from gantrysim.results.colours import INK, RUNS

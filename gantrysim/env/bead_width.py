@@ -1,4 +1,8 @@
-"""BeadWidth-v1: keep the width of a bead while viscosity and speed change."""
+"""BeadWidth-v1: keep the width of a bead while viscosity and speed change.
+
+The program asks for the pressure that would lay an even bead of the nominal glue; the agent changes it by a factor, the
+override. `gantrysim.env.glue` lays the bead piece by piece, and a camera some way behind the nozzle measures them.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +30,9 @@ from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Profile
 from gantrysim.record.run import Run
 
+# Values that are drawn for an episode: nominal value, range in training, shifted range, limits, unit, meaning.
+
+# of the glue and its needle
 GLUE = {
     "viscosity": RandomValue(1.0, (0.7, 1.4), (1.4, 2.0), POSITIVE, "1", "viscosity over the nominal one at the start"),
     "warming": RandomValue(1.0, (0.6, 1.6), (1.6, 2.2), POSITIVE, "1", "factor on it after a long time"),
@@ -35,24 +42,34 @@ GLUE = {
     "lag": RandomValue(0.1, (0.05, 0.15), (0.15, 0.25), POSITIVE, "s", "time constant of the pressure"),
 }
 _TURN = 2 * math.pi
+# of the places in which the program slows down
 SPEED = {
     "dip": RandomValue(0.0, (0.0, 0.6), (0.6, 0.8), (0.0, 0.95), "1", "share by which the program slows down"),
     "dip_length": RandomValue(60.0, (30.0, 90.0), (15.0, 30.0), POSITIVE, "mm", "distance between two such places"),
     "dip_phase": RandomValue(0.0, (0.0, _TURN), (0.0, _TURN), (0.0, _TURN), "rad", "phase of them at the start"),
 }
 _SEED = {"camera": RandomValue(0.0, (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), "1", "seed of the camera's noise")}
+# a seed from 0 to 1 has as many values as a float resolves there
+_SEEDS = 2**53
 
-_WORST = 10.0  # tolerances: the largest penalty of an interval
-_FAULT = 2.0  # penalty of an interval lost by a fault; the largest of one without is 1
+# width error above which none is observed as larger, or costs more [tolerances]
+_WORST = 10.0
+# penalty of an interval lost by a fault; the largest of one without is 1
+_FAULT = 2.0
+# values of the camera's noise, which it takes in turns
 _NOISES = 1024
 # what the agent knows of the width, from the camera
 _SEEN = np.dtype(
     [
-        ("error", np.float64),  # mean of the last interval in which it saw the bead [tolerances]
-        ("change", np.float64),  # since the measurement before [tolerances]
-        ("is_seen", np.float64),  # 1 where it has seen the bead
+        # mean of the last interval in which it saw the bead [tolerances]
+        ("error", np.float64),
+        # since the measurement before [tolerances]
+        ("change", np.float64),
+        # 1 where it has seen the bead
+        ("is_seen", np.float64),
     ]
 )
+# speeds that the agent knows ahead, one decision after the other
 _SPEEDS = {
     "speed": "commanded path speed",
     "speed_1": "commanded path speed one decision ahead",
@@ -118,7 +135,9 @@ class BeadWidthSource(Source):
         return 1 - self.task["dip"][1]
 
     def _profile(self, path: Path, speed: float, **task: float) -> Profile:
+        """Return the profile of a speed that falls and rises along the path as a sine does."""
         s = np.linspace(0.0, path.length, max(math.ceil(path.length), 2))
+        # from 0, where the program runs at its speed, to 1, where it is slowest
         wave = 0.5 * (1 + np.sin(2 * math.pi * s / task["dip_length"] + task["dip_phase"]))
         return LimitedSpeed(s, speed * (1 - task["dip"] * wave), self.settings.acceleration)
 
@@ -140,21 +159,29 @@ class BeadWidthBatch(EpisodeBatch):
 
     def __init__(self, settings: BeadWidthSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, BeadWidthSource(settings))
-        self._override = np.zeros(places)  # logarithm
+        # logarithm of the override of the pressure
+        self._override = np.zeros(places)
+
+        # the bead, as `gantrysim.env.glue.lay` writes it: at the nozzle, the errors of its last pieces, what was laid
+        # and seen since the last decision, and the flow at each tick of an episode
         self._bead = np.zeros(places, BEAD)
-        self._errors = np.zeros((places, PIECES))  # of the last pieces
-        self._widths = np.zeros(places, WIDTHS)  # of the interval
+        self._errors = np.zeros((places, PIECES))
+        self._widths = np.zeros(places, WIDTHS)
         self._sight = np.zeros(places, SIGHT)
+        self._flow = [np.zeros(1)] * places
+
+        # what follows from it: what the agent knows of the width, and the widths of an episode
         self._seen = np.zeros(places, _SEEN)
         self._episode_widths = np.zeros(places, WIDTHS)
+
+        # of an episode: commanded speeds after each setpoint, as arrays and as rows that are zero behind their end,
+        # the largest of them, glue, and noise of the camera
         self._speeds = [np.zeros(1)] * places
-        self._noise = [np.zeros(1)] * places
+        self._speed_rows = Rows(places)
         self._fastest = [1.0] * places
-        self._flow = [np.zeros(1)] * places
         nominal = {name: value.nominal for name, value in GLUE.items()}
         self._glue = [Glue(**nominal, flow_index=settings.index)] * places
-        # of the program, zero behind its end
-        self._speed_rows = Rows(places)
+        self._noise = [np.zeros(1)] * places
         self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
@@ -174,40 +201,41 @@ class BeadWidthBatch(EpisodeBatch):
     def _reset(self, place: int, episode: Episode) -> None:
         super()._reset(place, episode)
         settings = self.settings
-        setpoints = episode.simulation.setpoints
+        simulation = episode.simulation
         self._override[place] = math.log(settings.override)
         for array in (self._bead, self._errors, self._widths, self._sight, self._seen, self._episode_widths):
             array[place] = 0
-        tips = episode.simulation.machine.tip(episode.simulation.position)
-        speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / setpoints.period
+        self._flow[place] = np.zeros(len(simulation.log.tick))
+
+        tips = simulation.machine.tip(simulation.position)
+        speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / simulation.setpoints.period
+        # the last setpoint is where the path ends
         self._speeds[place] = np.append(speeds, 0.0)
-        random = np.random.default_rng(int(episode.drawn["camera"] * 2**53))
-        self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
-        self._fastest[place] = float(speeds.max())
-        self._flow[place] = np.zeros(len(episode.simulation.log.tick))
-        self._glue[place] = Glue(**{name: episode.drawn[name] for name in GLUE}, flow_index=settings.index)
         self._speed_rows.put(place, self._speeds[place])
+        self._fastest[place] = float(speeds.max())
         self._paths_ahead.put(place, episode.look)
 
+        self._glue[place] = Glue(**{name: episode.drawn[name] for name in GLUE}, flow_index=settings.index)
+        random = np.random.default_rng(int(episode.drawn["camera"] * _SEEDS))
+        self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
+
     def _act(self, places: Sequence[int]) -> None:
-        most = math.log(self.settings.override_range)
+        """Move the logarithm of the override by the action, within its range."""
+        largest = math.log(self.settings.override_range)
         moved = self._override[places] + self.settings.step * self._action[places, 0]
-        self._override[places] = np.clip(moved, -most, most)
+        self._override[places] = np.clip(moved, -largest, largest)
 
     def _follow(self, place: int, first: int, last: int) -> None:
         """Lay the bead of some ticks."""
         settings = self.settings
-        speeds = self._speeds[place]
-        lay(
-            self._episode(place).simulation.log,
-            (first, last),
-            Program(speeds, self._fastest[place], math.exp(self._override[place]), self.source.servo.period),
-            self._glue[place],
-            Camera(round(settings.behind / PIECE), self._noise[place], settings.tolerance),
-            LaidBead(
-                self._bead[place], self._errors[place], self._widths[place], self._sight[place], self._flow[place]
-            ),
+        program = Program(
+            self._speeds[place], self._fastest[place], math.exp(self._override[place]), self.source.servo.period
         )
+        camera = Camera(round(settings.behind / PIECE), self._noise[place], settings.tolerance)
+        laid = LaidBead(
+            self._bead[place], self._errors[place], self._widths[place], self._sight[place], self._flow[place]
+        )
+        lay(self._episode(place).simulation.log, (first, last), program, self._glue[place], camera, laid)
 
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         state = super().save(place, random)
@@ -223,28 +251,39 @@ class BeadWidthBatch(EpisodeBatch):
         """Return the record of the episode at a place so far, with the flow of the agent's pressure."""
         run = super().record(place)
         dispenser = self._episode(place).simulation.dispenser
+        # a dispenser whose flow is proportional to the speed has an area, another one a flow
         nominal = dispenser.area * self._fastest[place] if dispenser.area else dispenser.flow
         return run.replaced(flow=np.where(run.dispense, nominal * self._flow[place][: len(run)], 0.0))
 
     def _measure(self, stepped: NDArray[np.intp]) -> None:
-        """Lay the bead since the last decision, and see it."""
+        """Lay the bead since the last decision, by `_follow`; count it for the episode, and look at it."""
         super()._measure(stepped)
+        self._count_widths(stepped)
+        self._look_at_bead(stepped)
+
+    def _count_widths(self, stepped: NDArray[np.intp]) -> None:
+        """Add the widths since the last decision to those of the episode."""
         widths = self._widths[stepped]
         episode_widths = self._episode_widths
         for name in ("pieces", "square", "outside"):
             episode_widths[name][stepped] += widths[name]
         episode_widths["largest"][stepped] = np.maximum(episode_widths["largest"][stepped], widths["largest"])
+
+    def _look_at_bead(self, stepped: NDArray[np.intp]) -> None:
+        """Take what the camera saw since the last decision; where it saw nothing, what it saw last remains."""
         seeing = stepped[self._sight["pieces"][stepped] > 0]
         sight = self._sight[seeing]
-        mean = sight["error"] / sight["pieces"] / self.settings.tolerance
+        error = sight["error"] / sight["pieces"] / self.settings.tolerance
         seen = self._seen
-        seen["change"][seeing] = np.where(seen["is_seen"][seeing] > 0, mean - seen["error"][seeing], 0.0)
-        seen["error"][seeing] = mean
+        # a first measurement is no change
+        seen["change"][seeing] = np.where(seen["is_seen"][seeing] > 0, error - seen["error"][seeing], 0.0)
+        seen["error"][seeing] = error
         seen["is_seen"][seeing] = 1.0
 
     def observations(self) -> NDArray[np.float32]:
         interval = self.source.ticks or 1
         speeds = [self._speed_rows.at(self._sent + k * interval) for k in range(len(_SPEEDS))]
+        # in the order of `_entries`
         parts = [
             np.clip(self._seen["error"], -_WORST, _WORST)[:, None],
             np.clip(self._seen["change"], -_WORST, _WORST)[:, None],
@@ -258,11 +297,12 @@ class BeadWidthBatch(EpisodeBatch):
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
         widths = self._widths
+        episode_widths = self._episode_widths
+        # an interval may end before its first piece does
         pieces = np.maximum(widths["pieces"], 1)
+        episode_pieces = np.maximum(episode_widths["pieces"], 1)
         rms = np.sqrt(widths["square"] / pieces)
         faulty, ended, undone = self._ends(advanced)
-        episode_widths = self._episode_widths
-        episode_pieces = np.maximum(episode_widths["pieces"], 1)
         reward: Floats = -np.minimum(rms / self.settings.tolerance, _WORST) / _WORST
         return Outcome(
             reward=reward - np.where(faulty, _FAULT * undone, 0.0),

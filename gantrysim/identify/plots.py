@@ -11,6 +11,7 @@ import numpy as np
 from scipy.signal import csd, welch
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import UM
 from gantrysim.identify.identification import IdentifiedValue, spectrum
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel
@@ -19,7 +20,7 @@ from gantrysim.identify.result import KNOWN, LABELS, AxisFit
 from gantrysim.identify.torque_regression import WIDTH, TorqueRegression
 from gantrysim.identify.whiteness import correlation
 from gantrysim.report.plots.pictures import PAGE_COLUMNS
-from gantrysim.report.plots.style import COLOURS, UM, axes_on, sheet, thinned_line
+from gantrysim.report.plots.style import COLOURS, axes_on, sheet, thinned_line
 from gantrysim.results.colours import AXES, GOOD, INK
 
 if TYPE_CHECKING:

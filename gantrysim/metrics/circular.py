@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
+from gantrysim.base.quantity import UM
 from gantrysim.record.run import Run
 
 # Circles through and around points: the least-squares circle and the minimum zone.
@@ -172,7 +173,6 @@ def plane_points(points: ArrayLike) -> Floats:
     return p
 
 
-_UM = 1e3
 SPIKE_REACH = 15.0  # range of a spike after its reversal [deg]
 _LARGEST_REACH = 45.0  # [deg]
 _LARGEST_GAP = 5.0  # between neighbouring points of a full circle [deg]
@@ -337,17 +337,17 @@ def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float
     nozzle = Trace(run.nozzle[evaluated, :2], centre, radius)
     motor = Trace(run.motor_tip[evaluated, :2], centre, radius)
     row: dict[str, Any] = {
-        "circular_deviation_um": _UM * nozzle.circular_deviation,
-        "radial_deviation_max_um": _UM * float(nozzle.deviation.max()),
-        "radial_deviation_min_um": _UM * float(nozzle.deviation.min()),
+        "circular_deviation_um": UM * nozzle.circular_deviation,
+        "radial_deviation_max_um": UM * float(nozzle.deviation.max()),
+        "radial_deviation_min_um": UM * float(nozzle.deviation.min()),
     }
     for reversal in nozzle.reversals(reach):
         row |= _reversal_row(reversal)
     # the motors' deviation is given at the nozzle's angle: their distance changes it in second order only
     curves = {
         "angle_deg": nozzle.angle,
-        "radial_deviation_um": _UM * nozzle.deviation,
-        "motor_deviation_um": _UM * motor.deviation,
+        "radial_deviation_um": UM * nozzle.deviation,
+        "motor_deviation_um": UM * motor.deviation,
     }
     return row | {name: np.round(curve, 6).tolist() for name, curve in curves.items()}
 
@@ -355,7 +355,7 @@ def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float
 def _reversal_row(reversal: Reversal) -> dict[str, Any]:
     name = f"reversal_{'xy'[reversal.axis]}_{reversal.angle:.0f}"
     return {
-        f"{name}_step_um": _UM * reversal.step,
-        f"{name}_spike_um": _UM * reversal.spike,
+        f"{name}_step_um": UM * reversal.step,
+        f"{name}_spike_um": UM * reversal.spike,
         f"{name}_spike_at_deg": reversal.spike_at,
     }

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.quantity import UM
 from gantrysim.glue.bead.trace import BeadSettings, BeadTrace
 from gantrysim.job.tolerance import Tolerance
 from gantrysim.record.run import Run
@@ -28,7 +29,6 @@ COLOURS = (PLAIN, VERDICT, BY_WIDTH, BY_ERROR)
 _ERROR_PERCENTILE = 99.5  # end of a scale of errors without a tolerance, which a peak at a corner must not stretch
 _LEAST_ERROR = 1.0  # smallest span of such a scale [µm]
 _LABEL_ERROR = 0.005  # rounding of labels, relative to the span
-_UM = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ def scale_for(
         return _scale("bead width", "mm", (nominal - reach, nominal + reach), values, WIDTH)
     if first.basis is not None:
         judged = None if verdict is None else verdict.path_limit
-        largest = SHARE.high * _UM * (judged or first.basis.limits(first.face).path_max)
+        largest = SHARE.high * UM * (judged or first.basis.limits(first.face).path_max)
         return _scale("contour error", "µm", (0.0, largest), values, SHARE)
     largest = float(np.percentile(values, _ERROR_PERCENTILE))
     return _scale("contour error", "µm", (0.0, _rounded_up(max(largest, _LEAST_ERROR))), values, MAGNITUDE)
@@ -177,7 +177,7 @@ def errors_along(bead_trace: BeadTrace) -> Floats:
         return np.zeros(bead_trace.place.size)
     ticks = np.arange(len(run.time), dtype=np.float64)
     analysis = bead_trace.analysis
-    return bead_trace.along(_UM * np.interp(ticks, analysis.ticks, analysis.nozzle.distance))
+    return bead_trace.along(UM * np.interp(ticks, analysis.ticks, analysis.nozzle.distance))
 
 
 def _rounded_up(value: float) -> float:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks, by_blocks, extent
+from gantrysim.base.quantity import UM
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.bead.trace import leaves_plane
 from gantrysim.job.basis import program_lines_at
@@ -95,7 +96,6 @@ def _coordinate_content(values: Floats) -> Any:
     return encoded_numbers(values)
 
 
-_UM = 1e3
 _LEVEL = 1e-6  # [mm], vertical parts below it are rounding
 _LISTED = 2000  # lines of a program that is listed whole; of a longer one only the lines that run
 _CORNER_DECIMALS = 4
@@ -324,7 +324,7 @@ class ViewerData:
             "worst_value": self._worst_value,
             "passes": verdict.state == PASS,
             "shown": verdict.shown_row,
-            "path_tolerance": _UM * (verdict.path_limit or self._tolerance.path_max),
+            "path_tolerance": UM * (verdict.path_limit or self._tolerance.path_max),
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": self._width_tolerance,
             "dots": [_dot_content(verdict, rows) for verdict in self.results.dots],
@@ -355,7 +355,7 @@ def _coordinate(table: object, column: str, axis: int) -> Floats:
 
 def _micrometres(table: object, column: str) -> Floats:
     error: Floats = getattr(table, column)
-    return _UM * error
+    return UM * error
 
 
 def _largest(values: Callable[[slice], Floats], rows: int) -> float:

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from gantrysim.base.errors import InputError, positive, short_text, unknown
-from gantrysim.base.quantity import MAX, P95, RMS, SHARE, STD, numbers_of
+from gantrysim.base.quantity import MAX, P95, PER_CENT, RMS, SHARE, STD, numbers_of
 from gantrysim.glue.bead.values import VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.job.job import Job
 from gantrysim.job.loaded import needle_face
@@ -23,7 +23,6 @@ from gantrysim.study.study import Study
 
 MOTION_LIMITS = (PATH, STABILITY, MACHINE)  # what the motion alone decides
 _JOB_FILE = "job.toml"  # in the folder of a study
-_PER_CENT = 100.0
 _AS_GOOD = 0.01  # of a use of a limit: one that is larger by less is no worse
 
 
@@ -149,7 +148,7 @@ class Scope:
     def excess(self, acceptance: Acceptance) -> str:
         """Return how far a case is from its limits, as in "17 times the limit (path: ...)"."""
         use = acceptance.use(self.aspects)
-        times = f"{use / _PER_CENT:.3g} times the limit" if math.isfinite(use) else "more than a limit of zero"
+        times = f"{use / PER_CENT:.3g} times the limit" if math.isfinite(use) else "more than a limit of zero"
         return f"{times} ({acceptance.worst(self.aspects)})"
 
     def remark(self, acceptance: Acceptance) -> str:

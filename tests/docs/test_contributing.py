@@ -161,9 +161,8 @@ class Line(Controller):
         return Setpoints.along(self.requested, self.speed, period)
 '''
 
-FAULT = '''"""A nozzle whose bore is worn."""
-
-from __future__ import annotations
+# for the end of a file: with the imports that the file may have already
+FAULT = '''
 
 from dataclasses import dataclass
 from typing import Literal
@@ -197,9 +196,7 @@ class WornNozzle(Lasting):
         return flow * (1 + (self.factor - 1) * self._shares(edges))
 '''
 
-TICK_FAULT = '''"""An encoder with dirt on its scale."""
-
-from __future__ import annotations
+TICK_FAULT = '''
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -528,11 +525,10 @@ def add_controller_law_and_faults(copy):
     entry = '        "straight.Line": ("controllers.straight", "Line"),\n'
     edited(copy / "job" / "programs.py", registry, f"{registry}{entry}")
 
-    (copy / "faults" / "worn_nozzle.py").write_text(FAULT, encoding="utf-8")
-    (copy / "faults" / "dirty_scale.py").write_text(TICK_FAULT, encoding="utf-8")
-    imported = (
-        "from gantrysim.faults.dirty_scale import DirtyScale\nfrom gantrysim.faults.worn_nozzle import WornNozzle\n"
-    )
+    for part, fault in (("dispenser", FAULT), ("encoder", TICK_FAULT)):
+        with (copy / "faults" / f"{part}.py").open("a", encoding="utf-8") as file:
+            file.write(fault)
+    imported = "from gantrysim.faults.dispenser import WornNozzle\nfrom gantrysim.faults.encoder import DirtyScale\n"
     kinds = "AnyFault: TypeAlias = (\n"
     edited(copy / "faults" / "__init__.py", kinds, f"{imported}{kinds}    WornNozzle | DirtyScale |\n")
 
@@ -544,11 +540,11 @@ def add_controller_law_and_faults(copy):
 
 @pytest.mark.soak
 def test_a_controller_a_law_and_faults_are_added_as_the_architecture_says(fresh, extended, tmp_path):
-    """Each is its folder or file, and its line in a list."""
+    """Each is its folder, its file or its class, and its line in a list."""
     copy, _ = extended
     architecture = " ".join(PAGES["docs/architecture.md"].split())
     assert "**A motion controller** is a folder in `controllers/`" in architecture
-    assert "**A deliberate fault** is a file in `faults/`" in architecture
+    assert "in the file of `faults/` that has the faults of its part of the machine" in architecture
     assert "**A law** is a file in `servo/laws/`" in architecture
     jobs = {"whole": JOB, "worn": JOB + WORN, "dirty": JOB + DIRTY, "biased": JOB + BIASED}
     for name, text in jobs.items():

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import UM
 from gantrysim.compare.runs.common_path import Track
 from gantrysim.compare.runs.compared_run import RUN_DASHES, ComparedRun
 from gantrysim.compare.runs.compared_runs import ComparedRuns
@@ -26,7 +27,6 @@ from gantrysim.report.encoding import MOST_ROWS, encoded_numbers, shown_rows
 from gantrysim.report.viewer_data import BEAD, ERROR, MOTION, bead_height
 from gantrysim.results.colours import INK, RUNS
 
-_UM = 1e3
 _DIGITS = 4  # significant, of a quantity's largest value
 _LEVEL = 1e-6  # [mm], height above which a run leaves its plane
 _PLACES = ("x", "y", "z", "dx", "dy", "height", "time")  # columns without a strip
@@ -70,9 +70,9 @@ class OverlayData:
             yield f"d{name}", analysis.nozzle.offset[:, axis]
         yield "time", analysis.run.time[ticks]
         for name, part in {"contour": budget.contour, **budget.parts}.items():
-            yield name, _UM * part.lateral
+            yield name, UM * part.lateral
         if budget.corner is not None:
-            yield "corner", _UM * budget.corner.lateral
+            yield "corner", UM * budget.corner.lateral
         bead = _bead(run)
         if bead is not None:
             yield "width", np.interp(bead.length[ticks], bead.place, bead.width)
@@ -149,7 +149,7 @@ class OverlayData:
             ],
             "magnification": shared_magnification(comparison),
             "path_tolerance": _shared_value(
-                [None if v.tolerance is None else _UM * v.tolerance.path_max for v in comparison.verdicts]
+                [None if v.tolerance is None else UM * v.tolerance.path_max for v in comparison.verdicts]
             ),
             "width": _shared_value([_nominal_width(run) for run in comparison.runs]),
             "width_tolerance": _shared_value(

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.quantity import number_text
+from gantrysim.base.quantity import UM, number_text
 from gantrysim.compare.runs.compared_run import RUN_DASHES
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.parts import ERROR
 from gantrysim.report.plots.plan import magnification
-from gantrysim.report.plots.style import COLOURS, UM, add_legend, axes_on, draw_limit, thinned_line
+from gantrysim.report.plots.style import COLOURS, add_legend, axes_on, draw_limit, thinned_line
 from gantrysim.results.colours import BAD, INK, RUNS
 from gantrysim.results.score import usage_of
 

@@ -1,4 +1,4 @@
-"""The moves of a program as a table of numbers, one row per move."""
+"""The moves of a program as a table of numbers, one row per move, and when the valve is open in them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from array import array
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.valve import SAME_PLACE, Motions, Outputs, Valve
 
 # kinds
 LINE = 0.0
@@ -84,6 +86,7 @@ ANALOGUE = MoveRow._fields.index("analogue")
 WIDTH = len(MoveRow._fields)
 _MOST_MOVES = 5_000_000  # moves, of 144 bytes each
 _SAME = 1e-9  # relative to 1 rad
+_E_ROUNDING = 1e-6  # of sums of E [mm]
 
 
 class MoveTable:
@@ -118,6 +121,41 @@ class MoveTable:
     def table(self) -> Floats:
         """The rows, (m, WIDTH)."""
         return np.frombuffer(self._numbers).reshape(-1, WIDTH)
+
+
+def valve_of(moves: Floats, start: tuple[float, float, float], outputs: Outputs, upward: float) -> Valve:
+    """Return when the valve is open.
+
+    Args:
+        moves: rows of a `MoveTable`, (m, WIDTH).
+        start: initial position [mm].
+        outputs: of the program.
+        upward: 1 where z rises upwards, -1 where it is a depth.
+    """
+    flow = moves[:, FLOW]
+    # the most that the extruder has fed so far
+    furthest = np.maximum.accumulate(np.maximum(np.cumsum(flow), 0.0))
+    # at rest, what is fed up to where the material was pulled back undoes that, and more of it lays a dot
+    leaves = np.diff(furthest, prepend=0.0) > _E_ROUNDING
+    places = np.concatenate([[start], moves[:, END : END + 3]])
+    ways = np.diff(places, axis=0)
+    is_dwell = moves[:, KIND] == DWELL
+    stands_in_plan_view = (moves[:, KIND] == LINE) & (np.abs(ways[:, :2]).max(axis=1, initial=0.0) <= SAME_PLACE)
+    motions = Motions(
+        work=(moves[:, WORK] != 0) & ~stands_in_plan_view,
+        dwell=is_dwell & (moves[:, FEED] > 0),
+        rise=upward * ways[:, 2],
+        upright=stands_in_plan_view & (np.abs(ways[:, 2]) > SAME_PLACE),
+        feeds=(flow > 0) & (leaves | ~is_dwell),
+        is_on=lambda output: _is_on(moves, outputs, output),
+    )
+    return outputs.valve(motions)
+
+
+def _is_on(moves: Floats, outputs: Outputs, output: str) -> NDArray[np.bool_]:
+    """Whether an output is on in moves and dwells, (m,)."""
+    on = np.array([output in state for state in outputs.states])
+    return np.asarray(on[moves[:, OUTPUTS].astype(np.intp)])
 
 
 def centre_by_radius(a: complex, b: complex, radius: float, clockwise: bool, tolerance: float) -> complex:

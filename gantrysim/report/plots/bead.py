@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import UM
 from gantrysim.glue.bead import Bead
-from gantrysim.report.plots.style import COLOURS, COLUMNS, UM, axes_on, colour_map, common_style, sheet, thinned_line
+from gantrysim.report.plots.style import COLOURS, COLUMNS, axes_on, colour_map, common_style, sheet, thinned_line
 from gantrysim.results.colours import BEAD, INK, MAGNITUDE, RIGHT, SHARE, WIDTH, ColourScale
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import PATH

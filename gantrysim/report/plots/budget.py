@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.quantity import number_text
+from gantrysim.base.quantity import UM, number_text
 from gantrysim.job.causes import CELL_FORM
 from gantrysim.metrics.budget import Budget
-from gantrysim.report.plots.style import COLOURS, COLUMNS, UM, axes_on, line_style, thinned_line
+from gantrysim.report.plots.style import COLOURS, COLUMNS, axes_on, line_style, thinned_line
 from gantrysim.results.colours import INK
 
 if TYPE_CHECKING:

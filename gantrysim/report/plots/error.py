@@ -8,9 +8,10 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.columns import by_blocks
+from gantrysim.base.quantity import UM
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.record.run import Run
-from gantrysim.report.plots.style import COLOURS, UM, thinned_line
+from gantrysim.report.plots.style import COLOURS, thinned_line
 from gantrysim.results.colours import AXES
 
 if TYPE_CHECKING:

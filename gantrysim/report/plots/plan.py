@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.columns import by_blocks
+from gantrysim.base.quantity import UM
 from gantrysim.job.basis import Basis
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.plots.budget import draw_budget, draw_budget_along
-from gantrysim.report.plots.style import COLOURS, UM, add_legend, axes_on, colour_map, sheet
+from gantrysim.report.plots.style import COLOURS, add_legend, axes_on, colour_map, sheet
 from gantrysim.results.checks import Check
 from gantrysim.results.colours import INK, MAGNITUDE, SHARE
 from gantrysim.results.verdict import path_row, shown_path_limit

@@ -22,7 +22,6 @@ COLUMNS = 1000  # horizontal resolution of a thinned line
 
 RESOLUTION = 130.0  # of pictures [dpi]
 
-UM = 1e3  # micrometres in a millimetre
 
 FAR = 4.0  # times what is drawn, beyond which a limit is no longer on its scale
 _ABOVE = 1.08  # top of the axis, of a limit

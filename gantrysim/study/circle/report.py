@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.quantity import number_text
+from gantrysim.base.quantity import UM, number_text
 from gantrysim.metrics import CircularTest, Trace, minimum_zone
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.report.document import Column, Table
-from gantrysim.report.plots.style import COLOURS, FAR, UM, draw_limit, limit_text, sheet
+from gantrysim.report.plots.style import COLOURS, FAR, draw_limit, limit_text, sheet
 from gantrysim.results.colours import BAD, INK, RUNS
 from gantrysim.study.acceptance import MOTION_LIMITS, Acceptance, Scope, improve_command, path_limit
 from gantrysim.study.cases import OK, Row

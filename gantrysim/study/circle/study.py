@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from gantrysim.base.errors import InputError, at_least, positive
+from gantrysim.base.quantity import UM
 from gantrysim.job.job import Job
 from gantrysim.job.programs import circle_program
 from gantrysim.metrics import SPIKE_REACH, Trace, circle_row
@@ -27,7 +28,6 @@ AXES = ("x", "y")
 SENSES = {"clockwise": -1.0, "counter-clockwise": 1.0}  # of the cases, counter-clockwise positive
 DECAY = 0.1  # of a spike after a reversal [s]
 
-_UM = 1e3
 _LARGEST_REACH = 40.0  # of a spike [deg]
 _LEAD = 225.0  # before and after the evaluated circle, at least: it begins and ends between two reversals [deg]
 _CALM = 0.3  # at full speed before the evaluated circle, at least [s]
@@ -148,6 +148,6 @@ class CircleStudy(Study):
 def _trace(row: Row, centre: tuple[float, float], radius: float, link: Link) -> Trace:
     """Return the actual path from a row of `circle_row`."""
     angle = np.radians(np.array(row["angle_deg"], float))
-    deviation = np.array(row[f"{link}_deviation_um"], float) / _UM
+    deviation = np.array(row[f"{link}_deviation_um"], float) / UM
     out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return Trace(centre + (radius + deviation)[:, None] * out, centre, radius)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import at_least, positive
-from gantrysim.base.quantity import Quantity
+from gantrysim.base.quantity import UM, Quantity
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.record.run import Run
@@ -75,7 +75,6 @@ LOADED = "payload"
 RUBBING = "friction"
 REPEATED = "repeats"
 AFTER = 0.1  # time after a reversal in which its peak is sought [s]
-_UM = 1e3
 
 
 def laws_row(case: Case) -> Row:
@@ -89,7 +88,7 @@ def laws_row(case: Case) -> Row:
     def values(run: Run) -> Row:
         job = case.job()
         # rotary axes count only where there are no others: degrees and millimetres have no common sum
-        error = _UM * (run.commanded - run.encoder)[:, _linear(run)]
+        error = UM * (run.commanded - run.encoder)[:, _linear(run)]
         turned = reversals(run.commanded[:, _linear(run)])
         window = round(AFTER / run.period)
         peaks = [float(np.abs(error[k : k + window, a]).max()) for k, a in turned]

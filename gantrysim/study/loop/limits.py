@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from gantrysim.base.quantity import PER_CENT
 from gantrysim.report.plots.style import COLOURS, sheet
 from gantrysim.results.colours import BAD, GOOD, INK
 from gantrysim.study.acceptance import Acceptance, Scope
@@ -17,8 +18,6 @@ from gantrysim.study.loop.study import LoopStudy
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-_PER_CENT = 100.0
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,7 @@ def draw_limits(study: LoopStudy, sweeps: Mapping[str, SweepVerdicts]) -> Figure
             _draw_use(panel, sweep, present_value(study, name))
             for panel, (name, sweep) in zip(panels, sweeps.items(), strict=True)
         ]
-        logarithmic(panels[0], "y", [_PER_CENT, *(use for some in uses for use in some)])
+        logarithmic(panels[0], "y", [PER_CENT, *(use for some in uses for use in some)])
         panels[0].set_ylabel(f"{LIMIT_USE.label} [{LIMIT_USE.unit}]")
         handles: dict[str, Any] = {}
         for panel in panels:
@@ -144,7 +143,7 @@ def _draw_use(axes: Axes, sweep: SweepVerdicts, present: float | None) -> list[f
         axes.plot(
             endless, [0.98] * len(endless), "^", color=BAD, ls="none", transform=top, label="fails without a share"
         )
-    axes.axhline(_PER_CENT, color=BAD, lw=1.2, ls="--", label="limit")
+    axes.axhline(PER_CENT, color=BAD, lw=1.2, ls="--", label="limit")
     if present is not None and present > 0:
         axes.axvline(present, color=COLOURS["requested"], lw=1.4, ls=":", label="the job's own value")
     if shown or endless:

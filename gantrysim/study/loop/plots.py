@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import PER_CENT, UM
 from gantrysim.controllers.loop_theory import LoopTheory
-from gantrysim.report.plots.style import COLOURS, UM, sheet
+from gantrysim.report.plots.style import COLOURS, sheet
 from gantrysim.results.colours import INK, RUNS
 from gantrysim.servo.servo import Servo
 from gantrysim.study.cases import OK, Row
@@ -41,7 +42,6 @@ _MANY_DECADES = 2.5
 _WIDTH = 160
 _HANDLE = 6
 _LABELLED_VALUES = 8  # swept values, up to which each is labelled
-_PER_CENT = 100.0
 _INSIDE = 0.55  # size of a point drawn inside another
 # Points have a shape by variant and a colour by value.
 SHAPES: dict[str, dict[str, Any]] = {
@@ -147,7 +147,7 @@ class Panels:
     def ripples(self, *variants: str) -> None:
         """Draw the ripple of the path speed of some variants."""
         for variant in variants:
-            self.points(self.ripple, "speed_ripple", variant, INK, variant, _PER_CENT)
+            self.points(self.ripple, "speed_ripple", variant, INK, variant, PER_CENT)
 
     def finish(self) -> None:
         """Label the axes in plain numbers and add the legends."""

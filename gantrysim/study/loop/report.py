@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import PER_CENT
 from gantrysim.controllers.loop_theory import LoopErrors
 from gantrysim.report.document import Column, Table
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command, settings_text
@@ -161,7 +162,6 @@ def _split(knees: dict[str, str]) -> list[tuple[tuple[str, str], str]]:
     return parts
 
 
-_PER_CENT = 100.0
 _TURNED = 1.05  # over the least error: a significant rise
 _HIDING = 0.5  # of the contour error: a program error that hides the servo's
 _SENSITIVE = 0.05  # of a value: a significant effect of the physics step
@@ -173,7 +173,7 @@ def report(study: LoopStudy, rows: Sequence[Row]) -> Report:
     """Return the knees and errors of all sweeps, the convergence over the physics step, and a plot of each sweep."""
     lines = [*_loop(study, rows), *_interpreter(study, rows), *_servo(rows), *_encoder(rows)]
     caption = (
-        f"Contour errors are rms. Knee: largest value up to which the contour error is within {_PER_CENT * EXCESS:.0f} "
+        f"Contour errors are rms. Knee: largest value up to which the contour error is within {PER_CENT * EXCESS:.0f} "
         "% of its floor; below it, the sweep has no effect."
     )
     tables = [Table(["sweep", "variant", "result", "value"], lines, caption)] if lines else []
@@ -205,7 +205,7 @@ def _notes(study: LoopStudy, rows: Sequence[Row]) -> list[str]:
     notes = []
     converging = convergence(rows, AS_IT_IS)
     if moved := [CONVERGING[column] for column, value in converging.items() if value.deviation > _SENSITIVE]:
-        notes.append(f"More than {_PER_CENT * _SENSITIVE:.0f} % off due to the physics step: {', '.join(moved)}.")
+        notes.append(f"More than {PER_CENT * _SENSITIVE:.0f} % off due to the physics step: {', '.join(moved)}.")
     if study.theory is None:
         controller = study.job.program["controller"]
         reason = "has no program loop" if study.job.controller.loop_line() is None else "has its loop in its text"
@@ -350,7 +350,7 @@ def _encoder(rows: Sequence[Row]) -> Lines:
     count, ripple = series(rows, "value", "speed_ripple", sweep="encoder_resolution", variant=AS_IT_IS)
     if count.size > 1:
         for k in (0, -1):
-            ripple_text = f"{_PER_CENT * ripple[k]:.2g} %"
+            ripple_text = f"{PER_CENT * ripple[k]:.2g} %"
             lines.append((sweep, AS_IT_IS, f"speed ripple at {_um(1e3 * count[k])}", ripple_text))
     return lines
 
@@ -364,7 +364,7 @@ def _convergence_table(rows: Sequence[Row]) -> list[Table]:
         [
             CONVERGING[column],
             variant,
-            _PER_CENT * value.deviation,
+            PER_CENT * value.deviation,
             "scatter" if value.order is None else f"{value.order:.2f}",
         ]
         for variant, values in trends.items()

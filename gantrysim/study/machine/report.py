@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.quantity import number_text
+from gantrysim.base.quantity import PER_CENT, number_text
 from gantrysim.machine.tolerances import in_words
 from gantrysim.report.document import Column, Table
 from gantrysim.report.plots.style import sheet
@@ -124,7 +124,6 @@ def influences(factors: dict[str, Floats], metric: Floats) -> tuple[list[Influen
 # The answer of a machine study: the yield and its lever, or that the nominal machine itself fails.
 
 QUESTION = "How many machines of this build will meet the tolerance?"
-_PER_CENT = 100.0
 
 
 def machine_answer(study: MachineStudy, rows: Sequence[Row], influence: Influence, halves: tuple[float, float]) -> str:
@@ -162,11 +161,11 @@ def nominal_failure(criterion: Criterion, nominal: Row) -> str:
 
 
 def _share(estimate: Yield, criterion: Criterion, row: Row) -> str:
-    low = _PER_CENT * estimate.low
-    high = _PER_CENT * estimate.high
+    low = PER_CENT * estimate.low
+    high = PER_CENT * estimate.high
     return (
         f"{estimate.within} of {estimate.count} machines keep {criterion.limit(row)}, a yield of "
-        f"{_PER_CENT * estimate.share:.1f} % (95 % confidence: {low:.1f} to {high:.1f} %)"
+        f"{PER_CENT * estimate.share:.1f} % (95 % confidence: {low:.1f} to {high:.1f} %)"
     )
 
 

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gantrysim.base.quantity import UM
 from gantrysim.metrics import Positioning, RepeatedPath
 from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.metrics.parts import PART_PLACE
 from gantrysim.report.document import Column, Table
-from gantrysim.report.plots.style import COLOURS, UM, colour_map, draw_limit, sheet
+from gantrysim.report.plots.style import COLOURS, colour_map, draw_limit, sheet
 from gantrysim.results.colours import INK, MAGNITUDE, RUNS
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command, path_limit
 from gantrysim.study.cases import OK, Row

@@ -11,6 +11,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, whole_number
+from gantrysim.base.quantity import UM
 from gantrysim.engine.simulate import simulate
 from gantrysim.job.job import Job, check_job
 from gantrysim.machine.perturbation import Perturbation
@@ -122,7 +123,6 @@ def _motion(stops: Floats, speed: float, period: float) -> tuple[Floats, Floats]
 
 PHASES = 8  # of a servo period, in which a program may start
 ALL = "all"  # name of the variation of everything
-_UM = 1e3
 
 
 @dataclass(frozen=True)
@@ -210,8 +210,8 @@ def _repeated_run(case: Case) -> Run:
 def _row(run: Run, places: Sequence[float]) -> Row:
     s, offset = offset_over_length(run.requested, run.nozzle[run.dispense])
     offsets = interpolated(np.array(places), s, offset)
-    row: Row = {"contour_max_um": _UM * float(np.linalg.norm(offsets, axis=1).max()), "s_mm": list(places)}
-    return row | {f"offset_{name}_um": np.round(_UM * offsets[:, i], 6).tolist() for i, name in enumerate("xyz")}
+    row: Row = {"contour_max_um": UM * float(np.linalg.norm(offsets, axis=1).max()), "s_mm": list(places)}
+    return row | {f"offset_{name}_um": np.round(UM * offsets[:, i], 6).tolist() for i, name in enumerate("xyz")}
 
 
 _MOST_REPEATS = 10_000  # repeats
@@ -325,4 +325,4 @@ class RepeatStudy(Study):
 
 def _offset(row: Row) -> Floats:
     """Return the offset of the nozzle from the path at the places of a row, (m, 3) [mm]."""
-    return np.stack([np.array(row[f"offset_{name}_um"], float) / _UM for name in "xyz"], axis=1)
+    return np.stack([np.array(row[f"offset_{name}_um"], float) / UM for name in "xyz"], axis=1)

@@ -143,14 +143,14 @@ def located_errors(text: str) -> Iterator[None]:
         yield
     except InputError as error:
         message = str(error)
-        found = _LINE.match(message)
-        section = None if found is None else _section_before(text, int(found[1]))
-        if found is None or section is None:
+        prefix = _LINE.match(message)
+        section = None if prefix is None else _section_before(text, int(prefix[1]))
+        if prefix is None or section is None:
             raise
         name, head_line = section
-        line = int(found[1])
+        line = int(prefix[1])
         place = f"line {line} (line {line - head_line} of {name}): "
-        raise InputError(place + message[found.end() :]) from None
+        raise InputError(place + message[prefix.end() :]) from None
 
 
 def _section_before(text: str, line: int) -> tuple[str, int] | None:
