@@ -193,8 +193,8 @@ def check_plausible(fit: AxisFit, period: float, estimates: dict[str, Estimate])
     delay = estimates["delay"]
     if delay.value < -EARLY * period and delay.interval[1] < 0:
         reason = (
-            f"delay = {1e3 * delay.value:.3g} ms: must be at least 0; the motion is "
-            f"ahead of its torque: the torque was logged later than the position, or filtered{_faster_drive(fit, delay)}"
+            f"delay = {1e3 * delay.value:.3g} ms: must be at least 0; the motion is ahead of its torque: the torque "
+            f"was logged later than the position, or filtered{_faster_drive(fit, delay)}"
         )
         findings.append(Finding(PLAUSIBILITY, (), reason))
     if delay.interval[0] > LATEST * period:
