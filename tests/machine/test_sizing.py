@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Job, Machine, simulate
-from gantrysim.machine.sizing import Sizing
+from gantrysim.machine.sizing import Sizing, _frequency
 
 from support.runs import plain, ramp
 from support.tables import EXAMPLES, SCREW
@@ -192,3 +192,13 @@ def test_a_motor_that_does_not_hold_its_weight_is_said(tmp_path):
     assert sizing.axes[2].acceleration == pytest.approx(1e3 * (5 - 1 - 0.5 * 9.81) / 0.5)
     (finding,) = sizing.findings
     assert finding.startswith("z: the peak torque 0.5 N·m does not move it: friction and weight take as much")
+
+
+def test_the_frequency_of_a_drive_s_loop_is_that_of_its_stiffness():
+    """A velocity demand of kp x decays as exp(-kp t); a stepper's field holds p T sin(p phi)."""
+    sizing = Sizing.of(Machine(EXAMPLES / "stepper.toml"))
+    x = sizing.axes[0]
+    held = x.axis.phases.pole_pairs * x.axis.peak_torque / x.axis.scale
+    assert x.frequency == pytest.approx(math.sqrt(held / x.axis.inertia) / (2 * math.pi))
+    assert _frequency(x.axis, "velocity", 100.0) == pytest.approx(100 / (2 * math.pi))
+    assert _frequency(x.axis, "torque", 2.0) == pytest.approx(math.sqrt(2.0 / x.axis.inertia) / (2 * math.pi))
