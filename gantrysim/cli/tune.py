@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -134,11 +135,23 @@ def tune(
         held=held,
     )
     said: list[str] = []
-    carry_out(study, out, workers, backend, lambda folder: said.extend(write_words(folder, export)))
+    folder = carry_out(study, out, workers, backend, lambda folder: said.extend(write_words(folder, export)))
+    # the gains are no promise for the job without them
+    if settings or model:
+        warn(f"note: {usage_with_changes(folder)}")
     if said:
         say(said[0])
     for note in said[1:]:
         warn(f"note: {note}")
+
+
+def usage_with_changes(folder: Path) -> str:
+    """Return how tuned gains are run with what --set and --machine have changed, in words."""
+    from gantrysim.report.folder import JOB
+    from gantrysim.study.tuning.servo import TUNED
+
+    job, servo = (shlex.quote(str(folder / name)) for name in (JOB, TUNED))
+    return f"tuned with the values of --set and --machine, which {JOB} has: gantrysim run {job} --servo {servo}"
 
 
 def write_words(folder: Path, name: str | None) -> list[str]:

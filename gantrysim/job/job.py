@@ -202,13 +202,15 @@ class Job(LoadedJob):
     def check_fit(self) -> None:
         """Raise InputError unless program and machine agree in frame and geometry; includes `check_faults`.
 
-        Cells of a height map that the job states must suit the bead of a machine that follows the program exactly.
+        The cells of the height map must suit the bead of a machine that follows the program exactly.
         """
         with self.locate_errors():
             check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
         self.check_faults()
-        if self.bead.cell is not None:
-            HeightMap.check(Bead(self.follow(), self.bead))
+        bead = Bead(self.follow(), self.bead)
+        # without glue there is no map, unless its cells are asked for
+        if self.bead.cell is not None or bead.nominal_section.width[0] > 0:
+            HeightMap.check(bead)
 
     def check_faults(self) -> None:
         """Raise InputError for deliberate faults that the machine cannot have, or that begin after its end."""

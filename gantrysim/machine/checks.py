@@ -60,7 +60,15 @@ def _has_loss(model: mujoco.MjModel, actuator: int) -> bool:
     """Whether MuJoCo's own dry friction acts on the joint of an actuator, or on any joint where it drives a tendon."""
     if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_JOINT:
         return bool(model.dof_frictionloss.any())
-    return bool(model.dof_frictionloss[model.jnt_dofadr[model.actuator_trnid[actuator, 0]]] > 0)
+    return joint_friction(model, actuator) > 0
+
+
+def joint_friction(model: mujoco.MjModel, actuator: int) -> float:
+    """Return MuJoCo's own dry friction of the joint that an actuator drives, at the motor [N·m]; 0 for a tendon's."""
+    if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_JOINT:
+        return 0.0
+    dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
+    return float(model.dof_frictionloss[dof] / abs(model.actuator_gear[actuator, 0]))
 
 
 def weights(machine: Machine) -> dict[str, float]:

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from gantrysim.machine.axis import PER_SI, Axis, fact
+from gantrysim.machine.checks import joint_friction, weights
 from gantrysim.machine.design.build import modes
 from gantrysim.machine.design.library import Winding, largest_torque
 from gantrysim.machine.machine import Machine
@@ -47,10 +48,11 @@ class AxisSizing:
         peak_force: at rest, with the transmission's efficiency.
         continuous_force: at the motor's continuous torque, with the same efficiency.
         torque_at_speed: largest torque that bus, winding and current leave at the speed limit [N·m].
-        friction_at_speed: torque that friction and a constant torque take there, in the worse direction [N·m].
+        friction_at_speed: torque that friction, a weight and a constant torque take there, in the worse direction
+            [N·m].
         inertia_ratio: of load, transmission and coupling to the rotor, at its shaft; where the MJCF states no rotor
-            inertia, of the load to rotor, transmission and coupling together.
-        acceleration: from rest with the peak torque [u/s²].
+            inertia, of the load to rotor, transmission and coupling together; nan where it states neither.
+        acceleration: from rest with the peak torque, in the worse direction [u/s²].
         frequency: natural frequency of the derived loop, or of a stepper in its field [Hz].
         gain_margin: of the derived loop, with all others closed.
         travel_error: of the transmission over the whole travel, plus or minus [µm].
@@ -83,6 +85,11 @@ class AxisSizing:
         axis = self.axis
         name = self.axis.name
         lines = []
+        if self.acceleration <= 0:
+            lines.append(
+                f"{name}: the peak torque {axis.peak_torque:.3g} N·m does not move it: friction and weight take as "
+                "much: more reduction, a motor with more torque, or a counterbalance"
+            )
         if self.torque_at_speed < self.friction_at_speed:
             lines.append(
                 f"{name}: at {axis.speed_limit:.4g} {axis.unit}/s the bus leaves {self.torque_at_speed:.3g} N·m, "
@@ -138,12 +145,13 @@ class Sizing:
         model = machine.physics
         motors = [int(model.jnt_dofadr[joint]) for joint in model.actuator_trnid[:, 0]]
         qpos = machine.to_qpos(np.zeros(len(machine.axes)))
+        weight = weights(machine)
         axes = []
         for a, axis in enumerate(machine.axes):
             frequency = _frequency(axis, servo.modes[a], servo.gains[a].kp)
             margin = margins[a].least_gain if margins else math.nan
             torque = None if run is None else run.torque[:, a]
-            axes.append(_axis_sizing(machine, a, frequency, margin, torque))
+            axes.append(_axis_sizing(machine, a, frequency, margin, weight.get(axis.name, 0.0), torque))
         with quiet():
             locked = _named_modes(model, *modes(model, qpos, motors))
             free = _named_modes(model, *modes(model, qpos, ()))
@@ -155,7 +163,9 @@ class Sizing:
         return tuple(text for axis in self.axes for text in axis.findings())
 
 
-def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torque: np.ndarray | None) -> AxisSizing:
+def _axis_sizing(
+    machine: Machine, a: int, frequency: float, margin: float, weight: float, torque: np.ndarray | None
+) -> AxisSizing:
     axis = machine.axes[a]
     model = machine.physics
     # travel per motor angle [m/rad or 1]
@@ -163,7 +173,9 @@ def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torq
     efficiency = fact(model, "efficiency", a, 1.0)
     continuous = fact(model, "continuous_torque", a)
     inertia = axis.inertia * axis.scale
-    rotor_inertia = fact(model, "rotor_inertia", a, float(model.actuator_armature[a]))
+    rotor_inertia = fact(model, "rotor_inertia", a, _armature(model, a))
+    dry = axis.coulomb + joint_friction(model, a)
+    held = abs(axis.constant_torque - weight)
     speed = axis.speed_limit / axis.scale
     ideal = math.isnan(axis.motor_constant)
     at_speed = axis.peak_torque
@@ -182,9 +194,9 @@ def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torq
         peak_force=efficiency * axis.peak_torque / per_motor,
         continuous_force=efficiency * continuous / per_motor,
         torque_at_speed=at_speed,
-        friction_at_speed=_drag_at_speed(axis),
-        inertia_ratio=(inertia - rotor_inertia) / rotor_inertia if rotor_inertia > 0 else math.inf,
-        acceleration=(axis.peak_torque - axis.coulomb - abs(axis.constant_torque)) / axis.inertia,
+        friction_at_speed=_drag_at_speed(axis, dry, weight),
+        inertia_ratio=(inertia - rotor_inertia) / rotor_inertia if rotor_inertia > 0 else math.nan,
+        acceleration=(axis.peak_torque - dry - held) / axis.inertia,
         frequency=frequency,
         gain_margin=margin,
         travel_error=fact(model, "travel_error", a) * length / 300 if axis.unit == "mm" else math.nan,
@@ -194,9 +206,20 @@ def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torq
     )
 
 
-def _drag_at_speed(axis: Axis) -> float:
-    speed = axis.speed_limit if math.isfinite(axis.speed_limit) else 0.0
-    return axis.coulomb + axis.viscous * speed + abs(axis.constant_torque - axis.viscous_difference * speed)
+def _armature(model: mujoco.MjModel, a: int) -> float:
+    """Return the inertia at the motor's shaft that the MJCF gives an actuator and, reflected, its joint [kg·m²]."""
+    at_shaft = float(model.actuator_armature[a])
+    if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT:
+        return at_shaft
+    dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
+    return at_shaft + float(model.dof_armature[dof] / model.actuator_gear[a, 0] ** 2)
+
+
+def _drag_at_speed(axis: Axis, dry: float, weight: float) -> float:
+    if not math.isfinite(axis.speed_limit):
+        return math.nan
+    speed = axis.speed_limit
+    return dry + axis.viscous * speed + abs(axis.constant_torque - weight - axis.viscous_difference * speed)
 
 
 def _frequency(axis: Axis, mode: str, kp: float) -> float:

@@ -17,6 +17,7 @@ from gantrysim.glue.bead.dots import Dot
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.glue.bead.values import EXCESS_AT_STOP, MISSING_AT_START, excess_at_stop, missing_at_start
 from gantrysim.job.tolerance import Tolerance
+from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place, Row, finite, worst
 from gantrysim.results.verdict_quantities import (
     BEAD_WIDTH_ERROR,
@@ -41,6 +42,7 @@ THROUGH_GLUE = "needle through its own"
 # of the requested distance of the turns: beyond it, links that climb are longer than the distance asked in plan view
 _LEVEL = 0.01
 _ROUNDING = 1e-9  # relative
+_ASTRAY = 0.05  # path error that may carry the needle into its bead, of its outer diameter
 _TURNS_THAT_CLIMB = (
     "clearance of turns not judged: they lie at different heights, and their spacing is asked in plan view"
 )
@@ -70,7 +72,7 @@ def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt, *, is_requeste
     if not len(bead.stretches):
         ploughing = Ploughing.of(bead, tolerance.start_length, tolerance.stop_length)
         checks = [*dots.checks, _ploughing_check(ploughing, tolerance, place_at)]
-        remark = "; ".join([dots.remark, *_ploughing_remarks(ploughing, bead)])
+        remark = "; ".join([dots.remark, *_ploughing_remarks(ploughing, bead, tolerance)])
         both = Row.of(GLUE, checks, remark, {**values, PASSES.key: ploughing.passes})
         return replace(both, state=worst([dots.state, both.state]))
     row = _bead_row(bead, tolerance, place_at)
@@ -97,7 +99,7 @@ def _bead_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
         checks += _clearance_checks(bead, tolerance, place_at)
     ploughing = Ploughing.of(bead, tolerance.start_length, tolerance.stop_length)
     checks.append(_ploughing_check(ploughing, tolerance, place_at))
-    remarks = [width.remark, *([_TURNS_THAT_CLIMB] if climbs else ()), *_ploughing_remarks(ploughing, bead)]
+    remarks = [width.remark, *([_TURNS_THAT_CLIMB] if climbs else ()), *_ploughing_remarks(ploughing, bead, tolerance)]
     return Row.of(GLUE, checks, "; ".join(remarks), {**width.content(), PASSES.key: ploughing.passes})
 
 
@@ -228,7 +230,7 @@ def _ploughing_check(ploughing: Ploughing, tolerance: Tolerance, place_at: Place
     return Check.of(PLOUGHED, tolerance.bound("bead_ploughed"), ploughing.length, place=place)
 
 
-def _ploughing_remarks(ploughing: Ploughing, bead: Bead) -> Iterator[str]:
+def _ploughing_remarks(ploughing: Ploughing, bead: Bead, tolerance: Tolerance) -> Iterator[str]:
     """Yield a sentence on the passes through glue and what prevents them; none where there are none."""
     if ploughing.tick is None:
         return
@@ -236,7 +238,20 @@ def _ploughing_remarks(ploughing: Ploughing, bead: Bead) -> Iterator[str]:
     below = PLOUGHED_DEPTH.number(ploughing.depth) != "0"
     depth = f"up to {PLOUGHED_DEPTH.text(ploughing.depth)} below its top" if below else "touching its top"
     glue = f"glue, {_counted_noun(ploughing.dots, 'dot')} among it" if ploughing.dots else "bead"
-    yield f"{THROUGH_GLUE} {glue}: {passes}, {depth}; {_remedy(ploughing.tick, bead)}"
+    yield f"{THROUGH_GLUE} {glue}: {passes}, {depth}; {_off_the_path(bead, tolerance) or _remedy(ploughing.tick, bead)}"
+
+
+def _off_the_path(bead: Bead, tolerance: Tolerance) -> str:
+    """Return that the path error carries the needle into the bead, in words; empty where the requested path does."""
+    run = bead.run
+    # a smaller error is not what brings a needle to a bead
+    error = float(np.linalg.norm(bead.analysis.nozzle.offset, axis=1).max(initial=0.0))
+    if run.progress is None or error < _ASTRAY * run.face:
+        return ""
+    on_path = Bead(run.replaced(nozzle=run.requested.position(run.progress)), bead.settings)
+    if Ploughing.of(on_path, tolerance.start_length, tolerance.stop_length).passes:
+        return ""
+    return f"on the requested path it would touch none: reduce the path error of up to {CONTOUR.text(error)}"
 
 
 def _remedy(tick: int, bead: Bead) -> str:

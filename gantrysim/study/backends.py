@@ -22,8 +22,9 @@ def on_backend(name: str | None) -> Iterator[None]:
     """Run the cases of studies inside the block on a backend of joblib, or on a Dask cluster.
 
     Args:
-        name: "loky" for processes, "threading" for threads, "dask=ADDRESS" for the workers of the Dask cluster whose
-            scheduler is at the address, or any other registered with joblib; None for the current one.
+        name: "loky" for processes, "threading" for threads, "sequential" for one case after another in this process,
+            "dask=ADDRESS" for the workers of the Dask cluster whose scheduler is at the address, or any other that is
+            registered with joblib; None for the current one.
 
     Raises:
         InputError: unknown backend, missing package, or no scheduler answers.
@@ -46,11 +47,15 @@ def on_backend(name: str | None) -> Iterator[None]:
                 cluster_in_use.reset(before)
         return
     from joblib import parallel_config
-    from joblib.parallel import BACKENDS, get_active_backend
+    from joblib.parallel import BACKENDS, SequentialBackend, get_active_backend
 
     if name not in BACKENDS:
         raise unknown("backend", name, [*BACKENDS, f"{_DASK}=ADDRESS"])
     with parallel_config(backend=name):
-        if not getattr(get_active_backend()[0], "supports_return_generator", False):
-            raise InputError(f"--backend {name}: gives no results before all are there; use loky, threading or dask")
+        active = get_active_backend()[0]
+        # sequential ones need no joblib, see `gantrysim.study.runner`
+        if not (isinstance(active, SequentialBackend) or getattr(active, "supports_return_generator", False)):
+            raise InputError(
+                f"--backend {name}: gives no results before all are there; use loky, threading, sequential or dask"
+            )
         yield

@@ -167,6 +167,10 @@ def _here(calls: Iterator[Callable[[], Measured]], workers: int) -> Generator[Me
     from joblib import Parallel, delayed, parallel_config
     from joblib.parallel import BACKENDS, get_active_backend
 
+    # one after another in this process, of which joblib would give no result before the last
+    if isinstance(get_active_backend()[0], BACKENDS["sequential"]):
+        yield from (call() for call in calls)
+        return
     # a worker that has no case yet must end with this process too
     started: dict[str, Any] = {}
     if isinstance(get_active_backend()[0], BACKENDS["loky"]):

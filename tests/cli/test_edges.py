@@ -42,7 +42,7 @@ LINES = {
     "deep list": (["check", "an225", "--set", f"kp={'[' * 5000}{']' * 5000}"], "is nested too deeply"),
     "backend": (
         ["study", "loop", "an225", "--backend", "multiprocessing"],
-        "--backend multiprocessing: gives no results before all are there; use loky, threading or dask",
+        "--backend multiprocessing: gives no results before all are there; use loky, threading, sequential or dask",
     ),
 }
 

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -236,3 +237,21 @@ def test_an_invalid_servo_file_is_a_one_line_error(gantrysim_command, tmp_path, 
 def test_a_folder_as_servo_file_cannot_be_read(tmp_path):
     with pytest.raises(InputError, match=f"^servo {tmp_path}: is a folder: must be a regular file$"):
         Job.load("an225", servo=tmp_path)
+
+
+def test_gains_of_a_changed_job_are_run_with_the_job_beside_them(gantrysim_command, tmp_path, file):
+    """The file of gains alone would be laid over a job that has the notch which --set takes away."""
+    few = ("--budget", 2, "--robust", 0, "--unseen", 0, "--guards", 0, "--workers", 1)
+    changed = ("--set", "servo.notch_frequency=0", "--set", "servo.delay=0.00025")
+    status, _, said = gantrysim_command("tune", file, *few, *changed, "--out", tmp_path / "a b")
+    assert status == 0, said
+    job = tmp_path / "a b" / "job.toml"
+    tuned = tmp_path / "a b" / TUNED
+    (note,) = (line for line in said.splitlines() if line.startswith("note: tuned with the values of --set"))
+    assert note.endswith(f": gantrysim run '{job}' --servo '{tuned}'")
+    words = shlex.split(note.rpartition(": gantrysim run ")[2])
+    servo = Job.load(words[0], servo=words[2]).built_servo
+    assert set(servo.per_axis("notch_frequency")) == {0.0}
+    assert servo.delay == 0.00025
+    assert list(servo.per_axis("kp")) == tomllib.loads(tuned.read_text())["servo"]["kp"]
+    assert "Usage: gantrysim run job.toml --servo tuned.toml" in tuned.read_text()

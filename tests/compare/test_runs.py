@@ -4,6 +4,7 @@ import json
 import math
 import os
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from gantrysim.cli import terminal
 from gantrysim.cli.compare import comparison_tables
 from gantrysim.compare.runs.common_path import Track, parting_of
 from gantrysim.compare.runs.compared_run import names_of_folders, names_of_jobs
-from gantrysim.compare.runs.compared_runs import _losses
-from gantrysim.compare.runs.differences import CheckChange
+from gantrysim.compare.runs.compared_runs import _losses, answer, is_better
+from gantrysim.compare.runs.differences import CheckChange, check_changes
 from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.compare.runs.overlays import draw_compared_budgets, draw_overlaid_errors
 from gantrysim.compare.runs.runs_page import budget_cells, compare_runs, run_sections, value_cells
@@ -412,3 +413,23 @@ def test_what_is_worse_in_the_better_run_is_told_with_the_largest_loss_first():
     texts = _losses(changes, 0, 1).split("; ")
     assert [text.partition(":")[0] for text in texts] == ["b", "d", "a"]
     assert texts[0] == "b: 30.0 against 11.0 mm (at most 10.0 mm)"
+
+
+def test_a_machine_without_a_closed_loop_has_no_better_margins():
+    """A machine of steppers has an infinite gain margin, a servo's a finite one: neither is better."""
+    run = recorded()
+    servo = compare_runs(run, on_circle(*BEFORE), names=["one", "other"]).verdicts[0]
+    (gain,) = (check for check in servo["stability"].checks if check.name == "gain_margin")
+    (peak,) = (check for check in servo["stability"].checks if check.name == "sensitivity")
+    none = replace(servo["stability"], checks=(replace(gain, value=math.inf), replace(peak, value=1.0)))
+    rows = tuple(none if row.name == "stability" else row for row in servo.rows)
+    stepper = replace(servo, rows=rows)
+    names = {check.known.name: check for check in check_changes([servo, stepper])}
+    for name in ("gain_margin", "sensitivity"):
+        assert names[name].judgement(1) == ""
+        assert names[name].cell(1) == "–"
+    assert names["path_max"].judgement(1) == "same"
+    assert not is_better(stepper, servo)
+    assert not is_better(servo, stepper)
+    sentence = answer(("servo", "stepper"), (servo, stepper), tuple(check_changes([servo, stepper])), (), False)
+    assert "The stability is not compared: stepper has none judged (no loop is closed)." in sentence

@@ -168,3 +168,9 @@ def test_a_motion_comes_to_rest_before_a_block_of_m_codes_alone(code, stops):
     expected = 60 / 50 + (2 if stops else 1) * ramp
     # the planner ramps with a thousandth less than the acceleration
     assert Program(program=text, acceleration=500).duration == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_dwell_before_a_block_of_m_codes_takes_its_time_once():
+    text = "G01 X20 F3000\nG04 X0.25\nM08\nX60\nM30"
+    expected = 60 / 50 + 2 * 50 / 500 + 0.25
+    assert Program(program=text, acceleration=500).duration == pytest.approx(expected, rel=1e-3)

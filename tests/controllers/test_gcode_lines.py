@@ -44,3 +44,18 @@ def test_a_long_line_is_left_to_the_general_ways_which_refuse_it(read):
     assert plain_line(line) is None
     with pytest.raises(InputError, match=f"must be at most {LONGEST}"):
         read(line)
+
+
+@pytest.mark.parametrize(
+    ("line", "read"),
+    [
+        ("M117 Printing X5 G1!", "M117"),
+        ("N12 M117 it's 5% (of) X5", "N12M117"),
+        ("G28 X Y", "G28"),
+        ("G1 X5 Y-2.5*71", "G1X5Y-2.5"),
+        ("g0 x1 ; away", "G0X1"),
+        ("M118 a (b", "M118"),
+    ],
+)
+def test_a_printer_s_line_is_its_words_without_messages_checksums_and_bare_letters(line, read):
+    assert read_firmware(line) == read

@@ -137,3 +137,20 @@ def test_a_million_lines_are_planned():
     program = Program(text=circle(1_000_000))
     assert program.duration == pytest.approx(program.requested.length / 50, rel=0.01)
     assert len(program.setpoints(0.004).position) > 400_000
+
+
+@pytest.mark.parametrize(
+    ("head", "diameter"),
+    [
+        ("", None),
+        ("; filament_diameter = 2.85\n", 2.85),
+        (";Filament_Diameter: 1.75,1.75\n", 1.75),
+        ("; filament_diameter = 0\n", None),
+        ("; filament_diameter = 1.2.3\n", None),
+        # M200 says how the firmware reads E
+        ("; filament_diameter = 2.85\nM200 D1.75\n", 1.75),
+        ("; filament_diameter = 2.85\nM200 S0\n", 2.85),
+    ],
+)
+def test_the_filament_is_that_of_m200_or_of_the_slicer_s_comment(head, diameter):
+    assert Program(text=f"{head}G1 X10 E1 F600\n").filament == diameter

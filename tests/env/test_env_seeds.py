@@ -2,11 +2,14 @@
 
 import threading
 import weakref
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from gantrysim.env.vector import PathVectorEnv
 
 from support.episodes import BANDIT, MEEK, SHORT, TUNING, actions_of, episode, same
 from support.soaked import suite_runs
@@ -144,3 +147,32 @@ def test_episodes_that_are_over_are_freed_on_the_thread_that_draws():
         batch._ahead._thread.submit(int).result()  # after all that is asked of the thread
         assert len(freed) == 2 * k
     assert threading.current_thread().name not in freed
+
+
+def vector(count):
+    """As much of a vector environment as its seeds and its end need."""
+    env = object.__new__(PathVectorEnv)
+    env.num_envs = count
+    return env
+
+
+def test_one_seed_counts_up_and_several_are_taken_as_they_are():
+    env = vector(3)
+    assert env._seeds(None) == [None, None, None]
+    assert env._seeds(7) == [7, 8, 9]
+    assert env._seeds([4, None, 4]) == [4, None, 4]
+    assert env._seeds(np.array([4, 5, 6])) == [4, 5, 6]
+    for seeds, text in (([1, 2], "2 seeds: must be one, or 3"), (-1, "seed = -1: must be"), ([0, -1, 0], "seed = -1")):
+        with pytest.raises(ValueError, match=text):
+            env._seeds(seeds)
+
+
+def test_an_environment_is_closed_with_its_renderer_and_its_episodes():
+    env = vector(1)
+    # its constructor has refused its arguments: nothing to free
+    env.close_extras()
+    closed = []
+    env._frames = SimpleNamespace(close=lambda: closed.append("frames"))
+    env._episodes = SimpleNamespace(close=lambda: closed.append("episodes"))
+    env.close_extras(terminate=True)
+    assert closed == ["frames", "episodes"]

@@ -112,6 +112,28 @@ def test_the_command_exports_the_run_of_a_folder(run, tmp_path, gantrysim_comman
         assert message in err.replace("\n", " ")
 
 
+@pytest.mark.parametrize(
+    ("name", "options", "kind"),
+    [
+        ("m1.xyz", (), "csv"),
+        ("m1", (), "csv"),
+        ("m1.CSV", (), ""),
+        ("m1.mat", (), ""),
+        ("m1.xyz", ("--format", "mat"), "mat"),
+        ("m1.mat", ("--format", "csv"), "csv"),
+    ],
+)
+def test_the_format_is_that_of_the_name_or_is_said(run, tmp_path, gantrysim_command, name, options, kind):
+    run.save(tmp_path / "run.npz")
+    file = tmp_path / name
+    status, out, _ = gantrysim_command("export", tmp_path, "--out", file, *options)
+    assert status == 0
+    said = f"written to {file}" + (f" in the format {kind}" if kind else "")
+    assert "".join(out.split()) == "".join(said.split())
+    is_mat = file.read_bytes()[:6] == b"MATLAB"
+    assert is_mat == ((kind or name.rpartition(".")[2].lower()) == "mat")
+
+
 def test_a_record_is_loaded_from_its_folder_or_file(run, tmp_path):
     run.save(tmp_path / "run.npz")
     for place in (tmp_path, tmp_path / "run.npz"):

@@ -157,3 +157,11 @@ def test_a_fault_of_all_axes_that_none_can_have_is_refused():
         sag.tick_value(STEPPER, (STEPPER,))
     with pytest.raises(InputError, match="ideal torque source"):
         sag.tick_value(IDEAL, (IDEAL, IDEAL))
+
+
+@pytest.mark.parametrize("fault", list(TEXTS), ids=lambda fault: fault.kind)
+def test_every_kind_begins_at_a_time_from_zero_on(fault):
+    assert dataclasses.replace(fault, time=0.0).time == 0.0
+    for time, bound in ((-1e-9, "must be at least 0 s"), (math.inf, "must be finite")):
+        with pytest.raises(InputError, match=f"^fault {fault.kind}: time = .*: {bound}"):
+            dataclasses.replace(fault, time=time)

@@ -320,6 +320,15 @@ def test_a_fit_is_plausible_within_its_bounds(fit, values):
     assert [set(finding.values) for finding in findings] == ([] if values is None else [set(values)])
 
 
+@pytest.mark.parametrize(("delay", "said"), [(-MODEL.lag, True), (-1.05 * MODEL.lag, True), (-2.0 * MODEL.lag, False)])
+def test_a_drive_without_the_lag_of_the_table_is_named(delay, said):
+    """A plant that takes its torque at once, fitted with the winding's L/R, is early by that L/R."""
+    fit = fit_with({"delay": Estimate(delay, 1e-5)})
+    (finding,) = check_plausible(fit, PERIOD, fit.estimates)
+    text = f"or the drive lacks the lag of {1e3 * MODEL.lag:.3g} ms that the machine's table gives its winding"
+    assert (text in finding.reason) == said
+
+
 def fit_that_differs_by_direction(**changes):
     """A fit to a stroke back and one forth, with parameters that would differ by shares of themselves in each."""
     n = 8000

@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -236,3 +237,29 @@ def test_cells_that_no_map_can_have_are_refused_before_the_simulation(cell, erro
     with pytest.raises(InputError, match=f"^{error}"):
         Job.load("softmc-arc", [f"bead.cell={cell}"]).check_fit()
     Job.load("softmc-arc", ["bead.cell=0.2"]).check_fit()
+
+
+def outline_job(side, **settings):
+    """A square outline of a bead of glue, on a machine as large as it needs."""
+    text = f"G21 G90\nG0 X0 Y0\nM3\nG1 X{side} F30000\nG1 Y{side}\nG1 X0\nG1 Y0\nM5\nM2\n"
+    program = {"controller": "linuxcnc.Program", "text": text}
+    machine = Path(__file__).parents[2] / "examples" / "machines" / "belt-gantry.toml"
+    return Job(name="outline", machine=str(machine), program=program, dispenser={"area": 2.0}, **settings)
+
+
+def test_a_part_too_large_for_the_default_cells_is_refused_before_the_simulation(tmp_path):
+    """Of cells of 0.25 mm at most 2e7 lie in a square of 1,118 mm; the cell that is named is large enough."""
+    table = (Path(__file__).parents[2] / "examples" / "machines" / "belt-gantry.toml").read_text()
+    machine = tmp_path / "wide.toml"
+    machine.write_text(table.replace("travel = [-150, 150]", "travel = [-150, 1300]"))
+    large = outline_job(1200.0).model_copy(update={"machine": str(machine)})
+    with pytest.raises(
+        InputError, match=r"^cell = 0.25 mm: .* has 2.32e\+07 cells, at most 2e\+07; bead.cell = "
+    ) as caught:
+        large.check_fit()
+    cell = float(str(caught.value).rpartition("bead.cell = ")[2].split()[0])
+    assert cell == pytest.approx(0.3)
+    large.changed({"bead.cell": cell}).check_fit()
+    # without glue no map is made
+    large.changed({"dispenser.area": 0.0}).check_fit()
+    outline_job(120.0).check_fit()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Job, Machine, simulate
-from gantrysim.machine.sizing import Sizing
+from gantrysim.machine.sizing import Sizing, _frequency
 
 from support.runs import plain, ramp
 from support.tables import EXAMPLES, SCREW
@@ -136,3 +136,69 @@ def test_a_job_that_is_too_much_for_its_motors_is_said(tmp_path):
     run = simulate(machine, plain(machine), ramp(100.0))
     (found,) = (one for one in Sizing.of(machine, run=run).findings if "overheats" in one)
     assert found.startswith("x: rms torque")
+
+
+BY_HAND = """
+<mujoco>
+  <worldbody>
+    <body name="work"><geom type="box" size=".2 .2 .005" pos="0 0 -.005" contype="0" conaffinity="0"/></body>
+    <body name="bridge" pos="0 0 .1">
+      <joint name="y" type="slide" axis="0 1 0" range="-.1 .1" user="0.5" damping="5" frictionloss="2"/>
+      <geom type="box" size=".02 .02 .02" mass="3" contype="0" conaffinity="0"/>
+      <body name="carriage">
+        <joint name="x" type="slide" axis="1 0 0" range="-.1 .1" damping="5" frictionloss="2" armature="0.5"/>
+        <geom type="box" size=".02 .02 .02" mass="1" contype="0" conaffinity="0"/>
+        <body name="head">
+          <joint name="z" type="slide" axis="0 0 1" range="-.1 .1" damping="5" frictionloss="1"/>
+          <geom type="box" size=".02 .02 .02" mass="0.5" contype="0" conaffinity="0"/>
+          <site name="nozzle" pos="0 0 -.1"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="x" joint="x" gear="10" ctrlrange="-10 10"/>
+    <motor name="y" joint="y" gear="10" ctrlrange="-10 10"/>
+    <motor name="z" joint="z" gear="10" ctrlrange="-{z} {z}"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_a_machine_written_by_hand_is_sized_with_friction_weight_and_armature_of_its_joints(tmp_path):
+    """Forces of 100 N at gear 10 1/m, less friction and m g, on the masses that each axis moves."""
+    file = tmp_path / "hand.xml"
+    file.write_text(BY_HAND.format(z=10))
+    sizing = Sizing.of(Machine(file))
+    x, y, z = sizing.axes
+    assert x.acceleration == pytest.approx(1e3 * (100 - 2) / (1.5 + 0.5))
+    assert y.acceleration == pytest.approx(1e3 * (100 - 2) / 4.5)
+    assert z.acceleration == pytest.approx(1e3 * (100 - 1 - 0.5 * 9.81) / 0.5)
+    # 500 mm/s, declared: dry and viscous friction of the joint, at the motor
+    assert y.friction_at_speed == pytest.approx((2 + 5 * 0.5) / 10)
+    # not stated
+    assert math.isnan(x.friction_at_speed)
+    # 1.5 kg on an armature of 0.5 kg
+    assert x.inertia_ratio == pytest.approx(3.0)
+    assert math.isnan(y.inertia_ratio)
+    assert sizing.findings == ()
+
+
+def test_a_motor_that_does_not_hold_its_weight_is_said(tmp_path):
+    """0.5 N·m at gear 10 1/m are 5 N: weight and friction take 5.9 N."""
+    file = tmp_path / "hand.xml"
+    file.write_text(BY_HAND.format(z=0.5))
+    sizing = Sizing.of(Machine(file))
+    assert sizing.axes[2].acceleration == pytest.approx(1e3 * (5 - 1 - 0.5 * 9.81) / 0.5)
+    (finding,) = sizing.findings
+    assert finding.startswith("z: the peak torque 0.5 N·m does not move it: friction and weight take as much")
+
+
+def test_the_frequency_of_a_drive_s_loop_is_that_of_its_stiffness():
+    """A velocity demand of kp x decays as exp(-kp t); a stepper's field holds p T sin(p phi)."""
+    sizing = Sizing.of(Machine(EXAMPLES / "stepper.toml"))
+    x = sizing.axes[0]
+    held = x.axis.phases.pole_pairs * x.axis.peak_torque / x.axis.scale
+    assert x.frequency == pytest.approx(math.sqrt(held / x.axis.inertia) / (2 * math.pi))
+    assert _frequency(x.axis, "velocity", 100.0) == pytest.approx(100 / (2 * math.pi))
+    assert _frequency(x.axis, "torque", 2.0) == pytest.approx(math.sqrt(2.0 / x.axis.inertia) / (2 * math.pi))

@@ -11,7 +11,7 @@ from gantrysim.remedy.bounds import bound_of
 from gantrysim.remedy.improvement import Improvement, names_of
 from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.report import _values, remedy_of
+from gantrysim.remedy.report import _values, change_section, remedy_of
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.checks import Check, Row
 
@@ -202,3 +202,21 @@ def test_a_program_without_a_limit_of_its_acceleration_is_what_binds_the_drives(
     job = Job.load("fanuc-spiral").changed({"program.acceleration": acceleration})
     assert job.controller.rotary_acceleration == math.inf
     assert bound_of(job, "machine").startswith(bound)
+
+
+def test_the_section_has_a_row_for_the_job_as_it_is_and_one_for_each_lever():
+    good = outcome_of(0.5, 0.7, 0.6)
+    trials = picked(good, "gain", "speed", "notch")
+    skipped = (Skipped(lever("lift"), "the machine has no z axis"), Skipped(lever("flow"), "the machine has no z axis"))
+    result = result_of(good, combination=trials[:2], trials=trials, skipped=skipped)
+    section = change_section(result)
+    combined, _, alone = section.table
+    assert [len(combined.rows), len(alone.rows)] == [3, 4]
+    assert combined.rows[0] == alone.rows[0] == result.rows[0]
+    assert [row[0] for row in alone.rows[1:]] == [row[0] for row in result.trial_rows]
+    assert alone.folded == "Each lever alone: 3 runs"
+    assert "Not tried, as the machine has no z axis: lift, flow." in section.text
+    assert section.text[0] == result.sentence
+    nothing = change_section(result_of())
+    assert not nothing.table
+    assert not nothing.code

@@ -607,3 +607,35 @@ def test_the_clearance_of_turns_is_not_judged_where_the_bead_is_laid_in_pieces(t
     }
     assert "turn_clearance" in names[1]
     assert "turn_clearance" not in names[2]
+
+
+TWO_LINES = """G21 G17 G90 G94 G64
+G0 X-20 Y0
+M62 P0
+G1 X20 F3000
+M63 P0
+G0 Y{way}
+G0 X{far} Y8
+G0 X{far} Y{way}
+M62 P0
+G1 X-20
+M63 P0
+M2
+"""
+
+
+def test_a_needle_off_its_path_is_told_to_reduce_the_error_and_not_to_be_lifted():
+    """The second of two lines 8 mm apart is laid upon the first, by a machine that is 8 mm off; or asked for there."""
+    job = line_job(program={"controller": "linuxcnc.Program", "text": TWO_LINES.format(way=8, far=20)})
+    run = job.follow()
+    assert only(Verdict.of(job, run)["glue"].checks, "bead_ploughed").value == 0
+    nozzle = np.array(run.nozzle)
+    second = nozzle[:, 1] > 7.99
+    nozzle[second, 1] -= 8.0
+    astray = Verdict.of(job, run.replaced(nozzle=nozzle))["glue"]
+    assert only(astray.checks, "bead_ploughed").value > 10
+    assert astray.remark.endswith("on the requested path it would touch none: reduce the path error of up to 8000.0 µm")
+    job = line_job(program={"controller": "linuxcnc.Program", "text": TWO_LINES.format(way=0, far=20)})
+    asked = Verdict.of(job, job.follow())["glue"]
+    assert only(asked.checks, "bead_ploughed").value > 10
+    assert "the path crosses its own bead while it dispenses" in asked.remark

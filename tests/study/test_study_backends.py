@@ -7,10 +7,16 @@ import threading
 import pytest
 from joblib.parallel import get_active_backend
 
-from gantrysim import InputError
+from gantrysim import InputError, Job
 from gantrysim.study import on_backend
+from gantrysim.study.runner import _finished_lots
 
-from support.studies import SHORT
+from support.studies import SHORT, cases_of
+
+
+def third_of(cases):
+    """Rows of cases, with the thread that measured them."""
+    return [{"status": "ok", "third": dict(case.tags)["value"] / 3, "thread": threading.get_ident()} for case in cases]
 
 
 def active():
@@ -25,6 +31,24 @@ def test_a_backend_holds_inside_the_block():
         assert active() == before
     with on_backend("threading"), on_backend(None):
         assert active() == "ThreadingBackend"
+
+
+def test_sequential_cases_run_one_after_another_in_the_caller_s_thread():
+    """With rows as they come: the second case is not begun before the first one's row is there."""
+    begun = []
+
+    def measure(cases):
+        begun.append(len(begun))
+        return third_of(cases)
+
+    cases = cases_of(Job.load("an225"), (0.3, 0.6, 0.9))
+    with on_backend("sequential"):
+        results = _finished_lots(cases, None, measure, lambda cases, *_: [[case] for case in cases])
+        for number, ((_, row),) in enumerate(results):
+            assert begun == list(range(number + 1))
+            assert row["third"] == pytest.approx((0.1, 0.2, 0.3)[number])
+            assert row["thread"] == threading.get_ident()
+    assert len(begun) == 3
 
 
 @pytest.mark.parametrize(

@@ -170,6 +170,23 @@ def test_the_study_reports_a_known_limit(tmp_path):
     assert "Failed cases" in (tmp_path / "out" / "report.html").read_text()
 
 
+def hurried(case):
+    """All speeds keep the tolerance, and from 200 mm/s on the duration stays."""
+    return synthetic(case, knee=1e4, fault=math.inf)
+
+
+def test_the_table_has_the_run_of_the_speed_that_is_proposed(tmp_path):
+    study = SpeedStudy(Job.load("an225"), 50.0, measure=hurried)
+    report = run_study(study, tmp_path / "out", workers=1).report
+    assert report.answer.startswith("Set program.speed = 200, dispenser.flow = 400: every speed tried, from 25 to ")
+    (table,) = report.tables
+    rows = {name: row for name, *row in table.rows}
+    assert list(rows) == ["fastest tried", "proposed", "programmed", "slowest"]
+    assert rows["proposed"][0] == 200
+    assert rows["proposed"][1] == pytest.approx(50 * (200 / 1e4) ** 2)
+    assert rows["proposed"][-1] == rows["fastest tried"][-1] == 0.05
+
+
 def never(case):
     return {"status": "refused: no"}
 

@@ -25,6 +25,7 @@ from gantrysim.compare.runs.differences import (
     JobDifference,
     ValueChange,
     check_changes,
+    compared_rows,
     differences_of,
     value_changes,
 )
@@ -239,7 +240,7 @@ def ranks_of(first: Verdict, second: Verdict) -> tuple[tuple[float, float], tupl
 
 def _usages(verdict: Verdict) -> dict[str, float]:
     """Return the usages of the checks that are judged, by name."""
-    checks = [check for row in verdict.rows for check in row.checks]
+    checks = [check for row in compared_rows(verdict) for check in row.checks]
     return {check.name: min(check.usage, CAP) for check in checks if not math.isnan(check.usage)}
 
 
@@ -305,8 +306,9 @@ def answer(
 def _unjudged_rows(names: Sequence[str], verdicts: Sequence[Verdict], best: int, rival: int) -> Iterator[str]:
     """Yield which rows only one of two runs judges, and why: they do not count."""
     for number, other in ((best, rival), (rival, best)):
-        for row in verdicts[number].rows:
-            if not verdicts[number].fault and not row.checks and verdicts[other][row.name].checks:
+        judged = {row.name for row in compared_rows(verdicts[other]) if row.checks}
+        for row in compared_rows(verdicts[number]):
+            if not verdicts[number].fault and not row.checks and row.name in judged:
                 yield f"The {row.name} is not compared: {names[number]} has none judged ({row.remark})."
 
 

@@ -12,11 +12,12 @@ from typing import Any
 from gantrysim.base.quantity import MINUS, NOTHING, Quantity, number_text, numbers_of
 from gantrysim.compare.runs.compared_run import ComparedRun
 from gantrysim.job.job import Job
-from gantrysim.results.checks import PASS, SYMBOLS, UNJUDGED, Check, finite
+from gantrysim.results.checks import PASS, SYMBOLS, UNJUDGED, Check, Row, finite
 from gantrysim.results.quantities import GROUPS, Group
 from gantrysim.results.run_results import RunResults
-from gantrysim.results.verdict import Verdict
+from gantrysim.results.verdict import STABILITY, Verdict
 from gantrysim.servo.request import DERIVED
+from gantrysim.servo.stability.margins import GAIN_MARGIN
 
 # What differs between the jobs of runs: keys of the job file, the machine, and the servo that they make.
 
@@ -159,6 +160,8 @@ def _shared_names(tables: Sequence[Mapping[str, Any]]) -> list[str]:
 
 # The checks of several verdicts beside one another.
 
+_OPEN_LOOP = "no loop is closed"
+
 BETTER = "better"
 WORSE = "worse"
 SAME = "same"
@@ -260,10 +263,23 @@ class CheckChange:
         }
 
 
+def compared_rows(verdict: Verdict) -> tuple[Row, ...]:
+    """Return the rows of a verdict with the checks that may be compared with another run's.
+
+    A machine that closes no loop, as of steppers alone, has an infinite gain margin and |S| = 1: no better loops, but
+    none.
+    """
+    open_loop = any(check.name == GAIN_MARGIN.name and math.isinf(check.value) for check in verdict[STABILITY].checks)
+    return tuple(
+        Row(STABILITY, remark=_OPEN_LOOP) if open_loop and row.name == STABILITY else row for row in verdict.rows
+    )
+
+
 def check_changes(verdicts: Sequence[Verdict]) -> Iterator[CheckChange]:
     """Yield the checks of verdicts, row by row, in the order in which they come first."""
-    for row in dict.fromkeys(row.name for verdict in verdicts for row in verdict.rows):
-        tables = [{check.name: check for check in verdict[row].checks} for verdict in verdicts]
+    rows_of_runs = [{row.name: row for row in compared_rows(verdict)} for verdict in verdicts]
+    for row in dict.fromkeys(name for rows in rows_of_runs for name in rows):
+        tables = [{check.name: check for check in rows[row].checks} for rows in rows_of_runs]
         for name in dict.fromkeys(name for table in tables for name in table):
             yield CheckChange(row, tuple(table.get(name) for table in tables))
 

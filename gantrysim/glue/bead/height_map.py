@@ -465,7 +465,10 @@ def check_cells(bead: BeadTrace, count: ArrayLike, layers: int = 1) -> None:
         stacked = f" in {layers} layers" if layers > 1 else ""
         wide = float(bead.nominal_section.width[0])
         widest = float(bead.width.max())
+        # as large as few enough need, in steps of a tenth of the present ones
+        larger = 0.1 * bead.cell * math.ceil(10 * math.sqrt(cells / MOST_CELLS) + 1)
+        suits = f"; bead.cell = {larger:.4g} has few enough" if larger <= _WIDEST * wide else ""
         raise InputError(
             f"cell = {bead.cell:g} mm: the height map of a bead {wide:.4g} mm wide, {widest:.4g} mm at its "
-            f"widest, has {cells:.3g} cells{stacked}, at most {MOST_CELLS:g}"
+            f"widest, has {cells:.3g} cells{stacked}, at most {MOST_CELLS:g}{suits}"
         )

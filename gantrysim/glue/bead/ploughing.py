@@ -313,6 +313,7 @@ def _touch(
 
 _TOUCHING = 0.01  # height over a bead's top at which glue still wets the face, of the nozzle's gap
 _BEHIND = 2.0  # bead that counts as being laid, of its nominal width
+_OPPOSITE = -0.5  # cosine of the angle between two headings from which one goes back
 
 
 @dataclass(frozen=True)
@@ -361,7 +362,8 @@ class Ploughing:
         )
         cells = cells_of(sections, needle)
         depth, touched = contacts(needle, sections, cells)
-        joints = _joints(bead, spans(depth > -np.inf), (max(start, behind), max(stop, behind)))
+        touches = spans(depth > -np.inf)
+        joints = _joints(bead, touches[~_turns_back(bead, touches, behind)], (max(start, behind), max(stop, behind)))
         if len(joints):
             for first, after in joints.tolist():
                 needle.counted[first:after] = False
@@ -487,6 +489,28 @@ def _joints(bead: BeadTrace, touches: NDArray[np.intp], reach: tuple[float, floa
     # a stretch that lies on other glue throughout; a dot has no length that could
     is_whole = np.append(ends, np.inf)[first] <= high + radius
     return touches[is_joint & ~is_whole]
+
+
+def _turns_back(bead: BeadTrace, touches: NDArray[np.intp], behind: float) -> NDArray[np.bool_]:
+    """Return which contacts are with the glue that the same stretch has laid just before, in the other direction.
+
+    There glue comes into contact as it ceases to count as being laid.
+
+    Args:
+        bead: with its trace.
+        touches: contacts, first tick and the one after the last, (m, 2).
+        behind: length of trace on which glue counts as being laid [mm].
+    """
+    here = bead.length[touches[:, 0]]
+    begins = bead.length[bead.stretches[:, 0]]
+    own = (
+        begins[np.maximum(np.searchsorted(begins, here, "right") - 1, 0)] if begins.size else np.full(here.size, np.inf)
+    )
+    stations = [np.searchsorted(bead.place, place).clip(0, bead.place.size - 1) for place in (here, here - behind)]
+    now, before = stations
+    opposite = np.cos(bead.heading[now] - bead.heading[before]) < _OPPOSITE
+    apart = np.linalg.norm(bead.point[now, :2] - bead.point[before, :2], axis=1)
+    return opposite & (apart < 0.5 * (bead.run.face + bead.widest)) & (here - behind >= own)
 
 
 def _joined_passes(passes: NDArray[np.intp], length: Floats, least: float) -> list[tuple[int, int]]:

@@ -160,6 +160,18 @@ WIDEST = 2.0  # deflection of the bristles that a gap must exceed, times: presli
 EARLY = 0.1  # delay below zero that the torque between samples explains, of a period
 
 
+def _faster_drive(fit: AxisFit, delay: Estimate) -> str:
+    """Return that a drive with a faster current loop than the table's looks like this, where it may."""
+    lag = fit.model.lag
+    # the fit takes the lag of the table's winding from the torque's way to the motion, which a faster drive lacks
+    if not delay.interval[0] <= -lag <= delay.interval[1]:
+        return ""
+    return (
+        f", or the drive lacks the lag of {1e3 * lag:.3g} ms that the machine's table gives its winding: give the "
+        "closed current loop's there, or log the motor's torque"
+    )
+
+
 def check_plausible(fit: AxisFit, period: float, estimates: dict[str, Estimate]) -> list[Finding]:
     """Return which values are beyond reason, with the whole of their intervals.
 
@@ -180,8 +192,8 @@ def check_plausible(fit: AxisFit, period: float, estimates: dict[str, Estimate])
     delay = estimates["delay"]
     if delay.value < -EARLY * period and delay.interval[1] < 0:
         reason = (
-            f"delay = {1e3 * delay.value:.3g} ms: must be at least 0; the motion is "
-            "ahead of its torque: the torque was logged later than the position, or filtered"
+            f"delay = {1e3 * delay.value:.3g} ms: must be at least 0; the motion is ahead of its torque: the torque "
+            f"was logged later than the position, or filtered{_faster_drive(fit, delay)}"
         )
         findings.append(Finding(PLAUSIBILITY, (), reason))
     if delay.interval[0] > LATEST * period:

@@ -136,7 +136,7 @@ def speed_answer(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row], fa
     if study.programmed_speed in result.islands:
         return _answer_between(study, by_speed, limit, fastest)
     saturation = saturation_of(durations(good))
-    speed = result.fastest if saturation is None else min(result.fastest, saturation.speed)
+    speed = _proposed_speed(good, result.fastest)
     shortest = ""
     if saturation is not None and speed < result.fastest:
         shortest = f"; a faster program hardly shortens the job, {saturation.duration:.4g} s at the least"
@@ -149,6 +149,12 @@ def speed_answer(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row], fa
         f"{study.programmed_speed:g} mm/s, is the fastest speed that keeps {limit}; {result.above:g} mm/s does not "
         f"({fastest.failure(by_speed[result.above])}){_again(result)}{remark}."
     )
+
+
+def _proposed_speed(good: Sequence[Row], fastest: float) -> float:
+    """Return the fastest speed, or a slower one from which on the job is as short [mm/s]."""
+    saturation = saturation_of(durations(good))
+    return fastest if saturation is None else min(fastest, saturation.speed)
 
 
 def _answer_where_all_fail(study: SpeedStudy, good: Sequence[Row], tried: str, scope: Scope, fastest: float) -> str:
@@ -237,7 +243,7 @@ def report(study: SpeedStudy, rows: Sequence[Row]) -> Report:
 
 
 def _table(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) -> Table:
-    """Return the runs that matter: fastest within the tolerance, next faster, programmed speed, slowest."""
+    """Return the runs that matter: fastest within the tolerance, next faster, proposed, programmed speed, slowest."""
     by_speed = {speed_of(row): row for row in rows}
     fastest = Fastest.of(study, rows)
     criterion = fastest.criterion
@@ -255,6 +261,7 @@ def _table(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) -> Table
     runs = {
         "fastest" if result.above else "fastest tried": result.fastest,
         "next": result.above,
+        "proposed": _slower_proposal(study, good, result),
         "programmed": study.programmed_speed,
         "slowest": min(by_speed),
     }
@@ -273,7 +280,16 @@ def _table(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) -> Table
         most = max(sizes, key=lambda link: sizes[link])
         values = (criterion.value(row), most, sizes[most], row["speed_mean_mm_s"], row["duration_s"])
         cells.append([name, speed, *values])
-    return Table(columns, cells, caption="Fastest run within the tolerance, next faster, programmed and slowest run.")
+    caption = "Fastest run within the tolerance, next faster, the answer's own, programmed and slowest run."
+    return Table(columns, cells, caption=caption)
+
+
+def _slower_proposal(study: SpeedStudy, good: Sequence[Row], result: SpeedAnswer) -> float | None:
+    """Return the speed of the answer where that is neither the fastest nor the programmed one [mm/s]."""
+    if result.fastest is None or study.programmed_speed in result.islands:
+        return None
+    speed = _proposed_speed(good, result.fastest)
+    return None if speed in (result.fastest, study.programmed_speed) else speed
 
 
 def _saturation(good: Sequence[Row]) -> list[str]:

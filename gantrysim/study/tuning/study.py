@@ -304,6 +304,6 @@ class TuningStudy(Study):
             f"Gain margin at least {self.margin:g} in every direction, torque ripple at most {self.ripple:g} % of the "
             "peak torque.",
             f"Candidate {best.number} of round {best.round}; {history.runs} runs, seed {self.seed}.",
-            f"Usage: gantrysim run JOB --servo {TUNED}",
+            f"Usage: gantrysim run job.toml --servo {TUNED}, the job.toml beside it.",
         ]
         return tuned_toml(job, best.servo, self.space.gains, comments)

@@ -333,3 +333,13 @@ def test_a_dispensing_needle_passes_a_section_only_where_its_axis_does(away, dis
         # half the chord at that height, and in a dry pass the reach of the disc beside it
         half = math.sqrt(0.4**2 - 0.1**2) + (0.0 if dispense else math.sqrt(0.5**2 - away**2))
         assert np.abs(y[depth > -math.inf]).max() == pytest.approx(half, abs=0.05)
+
+
+@pytest.mark.parametrize("back", [1.5, 2.5, 3.5, 6.0, 12.0])
+def test_a_stroke_that_turns_back_doubles_its_bead_beyond_what_counts_as_being_laid(back):
+    """Glue being laid is the last two widths and a diameter, half of which lies on either side of the turn."""
+    ploughing = ploughed(bead_of(((-20, 0, 0), False), ((20, 0, 0), True), ((20 - back, 0, 0), True)))
+    free = 2 * RADIUS + FACE / 2
+    assert ploughing.passes == (back > free)
+    if back > free:
+        assert ploughing.length == pytest.approx(back - free + FACE / 2, abs=2 * STATION)

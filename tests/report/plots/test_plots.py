@@ -186,6 +186,27 @@ def test_the_parts_are_drawn_along_the_path_on_one_scale_and_each_on_its_own(bud
     assert [text.get_text() for text in figure.axes[0].texts] == ["turn 1", "turn 2"]
 
 
+def test_a_vertical_error_is_a_thin_line_on_its_own_panels_from_a_share_of_the_largest_on(analysis):
+    """The nozzle swings by 30 µm up and down on a flat path; a hundredth of the largest error is not drawn."""
+    run = analysis.run
+    swing = 0.03 * np.sin(20 * run.time)
+    raised = run.nozzle + swing[:, None] * [0.0, 0.0, 1.0]
+    budget = Budget(Analysis(replace(run, nozzle=raised)))
+    for height, is_drawn in ((1.0, True), (0.01 * budget.contour.size.max() / 0.03, False)):
+        nozzle = run.nozzle + height * swing[:, None] * [0.0, 0.0, 1.0]
+        swung = Budget(Analysis(replace(run, nozzle=nozzle)))
+        figure = Figure()
+        plots.draw_budget_along(figure, swung)
+        dotted = [[line for line in axes.get_lines() if line.get_linestyle() == ":"] for axes in figure.axes]
+        names = [axes.get_ylabel() for axes in figure.axes]
+        # the structure's part has it: from the motors to the nozzle
+        expected = {"all links", "structure"} if is_drawn else set()
+        assert {name for name, found in zip(names, dotted, strict=True) if found} == expected
+        for found in filter(None, dotted):
+            (line,) = found
+            np.testing.assert_allclose(line.get_ydata(), 1e3 * swing[analysis.ticks] * height, atol=1e-6)
+
+
 def test_where_the_dispenser_is_off_no_error_is_drawn(xy, circle):
     setpoints = Setpoints.along(circle(20.0), 50.0, 1e-3)
     pause = (setpoints.time < 0.8) | (setpoints.time > 1.0)
