@@ -52,7 +52,7 @@ def levers_table() -> str:
         [
             lever.name,
             lever.meaning,
-            lever.cost,
+            f"{lever.cost}; above 1: {lever.cost_above}" if lever.cost_above else lever.cost,
             EFFORTS[lever.effort],
             ", ".join(lever.rows),
             ", ".join(lever.causes) or "any",
