@@ -76,8 +76,8 @@ def carry_out(
     report, if that failed.
     """
     from gantrysim.report.folder import REPORT
-    from gantrysim.study.backends import on_backend
     from gantrysim.study.run import NoValuesError, StudyInterrupted, run_study
+    from gantrysim.study.runner import on_backend
 
     folder = out if out is not None else Path("out") / f"{study.name}-{study.job.name}"
     try:

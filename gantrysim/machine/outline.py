@@ -83,7 +83,9 @@ def outline(machine: Machine, positions: Floats) -> list[Part]:
     places = np.empty((len(qpos), len(wanted), 3))
     turns = np.empty((len(qpos), len(wanted), 4))
     # views: each look at an attribute takes as long as a copy
-    joints, body_places, body_turns = data.qpos, data.xpos, data.xquat
+    joints = data.qpos
+    body_places = data.xpos
+    body_turns = data.xquat
     with quiet():
         for k, pose in enumerate(qpos):
             joints[:] = pose

@@ -365,18 +365,13 @@ class Budget:
         return {name: self.values_of(part) for name, part in self.parts.items()}
 
     @cached_property
-    def lag_values(self) -> ErrorSpread:
-        """The values of the lag."""
-        return ErrorSpread.of(self.lag)
-
-    @cached_property
     def values(self) -> BudgetValues:
         """The values of the budget."""
         return BudgetValues(
             parts=self.part_values,
             corner=None if self.corner is None else self.values_of(self.corner),
             contour=self.contour_values,
-            lag=self.lag_values,
+            lag=ErrorSpread.of(self.lag),
             turns=self._turns(),
         )
 
@@ -396,6 +391,7 @@ class Budget:
     def values_of(self, part: Part) -> PartValues:
         """Return the values of a contribution to the error."""
         size = part.size
+        mean = self._contour_square
         k = int(size.argmax())
         s = self.analysis.nozzle.s[k]
         x, y, z = self.analysis.run.requested.position(s)[0].tolist()
@@ -403,16 +399,11 @@ class Budget:
             rms=float(np.sqrt(np.mean(size**2))),
             p95=float(np.percentile(size, _PERCENTILE)),
             max=float(size[k]),
-            share=self.share_of(part),
+            share=float(np.mean(part.dot(self.contour))) / mean if mean > _NO_ERROR**2 else 0.0,
             s=float(s),
             time=float(self.analysis.run.time[self.analysis.ticks[k]]),
             point=(x, y, z),
         )
-
-    def share_of(self, part: Part) -> float:
-        """Return the share of a contribution in the mean square of the contour error, 0 where there is none."""
-        mean = self._contour_square
-        return float(np.mean(part.dot(self.contour))) / mean if mean > _NO_ERROR**2 else 0.0
 
     @cached_property
     def stretches(self) -> tuple[Stretch, ...]:

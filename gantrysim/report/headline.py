@@ -67,10 +67,9 @@ def contour_sentence(budget: Budget, causes: Causes | None = None) -> str:
     if contour.rms < NO_ERROR:
         exactly = "" if along else " exactly"
         return f"Contour error: none, the nozzle follows the requested path{exactly}.{along}"
-    link, share = max(
-        ((name, budget.share_of(part)) for name, part in budget.parts.items()), key=lambda of_link: of_link[1]
-    )
-    where = f"Contour error: {CONTOUR.text(contour.rms)} rms, {_portion(share)} in {link} ({DESCRIPTIONS[link]})."
+    link, part = max(budget.part_values.items(), key=lambda item: item[1].share)
+    portion = _portion(part.share)
+    where = f"Contour error: {CONTOUR.text(contour.rms)} rms, {portion} in {link} ({DESCRIPTIONS[link]})."
     sentences = [where] if causes is None else [where, *cause_sentences(causes)]
     return " ".join(sentences) + along
 
@@ -166,7 +165,7 @@ def _portion(share: float) -> str:
 
 def _error_with_faults(budget: Budget) -> str:
     """Return the size of the contour error of a run with faults, in a sentence."""
-    contour = budget.contour_values
+    contour = budget.values.contour
     until = "" if budget.analysis.run.fault is None else " until then"
     if contour.rms < NO_ERROR:
         return f"Contour error{until}: none."
@@ -175,7 +174,8 @@ def _error_with_faults(budget: Budget) -> str:
 
 def _along(budget: Budget) -> str:
     """Return a sentence on the error along the path, where it is larger than the one normal to it."""
-    lag = budget.lag_values
-    if lag.max <= max(budget.contour_values.max, NO_ERROR):
+    values = budget.values
+    if values.lag.max <= max(values.contour.max, NO_ERROR):
         return ""
-    return f" Along the path it is up to {LAG.text(lag.max)} from its command, {LAG.text(lag.rms)} rms."
+    largest = LAG.text(values.lag.max)
+    return f" Along the path it is up to {largest} from its command, {LAG.text(values.lag.rms)} rms."

@@ -267,8 +267,11 @@ def glue_causes_of(job: Job, bead: Bead) -> GlueCauses | None:
 
 
 def _effects(job: Job, bead: Bead, row: Row) -> Iterator[GlueEffect]:
+    dispenser = job.dispenser
+    # by speed of path or E, or an output of the program
+    follows_speed = bool(dispenser.per_e or dispenser.area or dispenser.per_output)
     for cause in GLUE_CAUSES:
-        if cause is SPEED_CHANGES and job.dispenser.follows_speed:
+        if cause is SPEED_CHANGES and follows_speed:
             cause = replace(cause, meaning="which the flow follows late")
         try:
             run = cause.without(job, bead)

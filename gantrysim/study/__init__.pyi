@@ -1,5 +1,4 @@
 from . import tuning as tuning
-from .backends import on_backend as on_backend
 from .cases import OK as OK
 from .cases import Case as Case
 from .cases import Row as Row
@@ -17,6 +16,7 @@ from .run import NoValuesError as NoValuesError
 from .run import Outcome as Outcome
 from .run import StudyInterrupted as StudyInterrupted
 from .run import run_study as run_study
+from .runner import on_backend as on_backend
 from .runner import run_cases as run_cases
 from .speed import SpeedStudy as SpeedStudy
 from .study import Details as Details

@@ -1,4 +1,4 @@
-"""Run the cases of a study in parallel, on the cores of this computer or on another backend of joblib."""
+"""Run the cases of a study in parallel: on the cores of this computer, another backend of joblib, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -7,17 +7,21 @@ import os
 import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
+from contextvars import ContextVar
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from gantrysim.base.errors import whole_number
+from gantrysim.base.errors import InputError, unknown, whole_number
+from gantrysim.base.extras import extra
 from gantrysim.base.signals import blocked, deferred, end_with
-from gantrysim.study.backends import cluster_in_use
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.ledger import Ledger, TaggedRows
 from gantrysim.study.worker import Measured, MeasureTogether, Origin, WorkerError, measured_rows
+
+if TYPE_CHECKING:
+    from gantrysim.study.cluster import Cluster
 
 Measure = Callable[[Case], Row]  # a function of a module, or a partial of one: sent to the workers by name
 Progress = Callable[[int, int], None]  # called with the number of finished cases, and of all known by now
@@ -28,6 +32,52 @@ _TOGETHER = 32  # maximum number of cases measured together, whose rows are kept
 _LOT_TIME = 2.0
 _LOT_SHARE = 1 / 8
 _LOKY_MANAGER = "ExecutorManagerThread"
+_DASK = "dask"
+_cluster_in_use: ContextVar[Cluster | None] = ContextVar("cluster_in_use", default=None)
+
+
+@contextmanager
+def on_backend(name: str | None) -> Iterator[None]:
+    """Run the cases of studies inside the block on a backend of joblib, or on a Dask cluster.
+
+    Args:
+        name: "loky" for processes, "threading" for threads, "sequential" for one case after another in this process,
+            "dask=ADDRESS" for the workers of the Dask cluster whose scheduler is at the address, or any other that is
+            registered with joblib; None for the current one.
+
+    Raises:
+        InputError: unknown backend, missing package, or no scheduler answers.
+        WorkerError: a cluster without a worker.
+    """
+    if name is None:
+        yield
+        return
+    kind, _, address = name.partition("=")
+    if kind == _DASK:
+        if not address:
+            raise InputError(f"--backend {name}: must be dask=ADDRESS, as in dask=tcp://10.0.0.1:8786")
+        with extra("dask", f"--backend {name}"):
+            from gantrysim.study.cluster import connected_cluster
+        with connected_cluster(address) as cluster:
+            before = _cluster_in_use.set(cluster)
+            try:
+                yield
+            finally:
+                _cluster_in_use.reset(before)
+        return
+    from joblib import parallel_config
+    from joblib.parallel import BACKENDS, SequentialBackend, get_active_backend
+
+    if name not in BACKENDS:
+        raise unknown("backend", name, [*BACKENDS, f"{_DASK}=ADDRESS"])
+    with parallel_config(backend=name):
+        active = get_active_backend()[0]
+        # sequential ones need no joblib, see `run_cases`
+        if not (isinstance(active, SequentialBackend) or getattr(active, "supports_return_generator", False)):
+            raise InputError(
+                f"--backend {name}: gives no results before all are there; use loky, threading, sequential or dask"
+            )
+        yield
 
 
 def run_cases(
@@ -136,7 +186,7 @@ def _finished_lots(
         return
     from joblib import effective_n_jobs  # slow to import
 
-    cluster = cluster_in_use.get()
+    cluster = _cluster_in_use.get()
     cores = effective_n_jobs(-1) if cluster is None else cluster.threads()
     workers = min(cores if workers is None else workers, cores, len(cases))
     origin = Origin.here(cases)

@@ -70,6 +70,8 @@ def test_two_views_on_one_page_are_as_high_as_their_content_and_share_nothing(br
     assert first == second
     key = "new KeyboardEvent('keydown', {key: 'Home', bubbles: true})"
     browser.run(f"{FRAMES}[0].contentDocument.querySelector('.plan .surface').dispatchEvent({key})")
+    # with the next picture
+    browser.wait(f"{texts.removeprefix('return ')}.some((text, _, all) => text !== all[0])")
     moved, still = browser.run(texts)
     assert still == second
     assert moved != first

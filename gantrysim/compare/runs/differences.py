@@ -269,9 +269,12 @@ def compared_rows(verdict: Verdict) -> tuple[Row, ...]:
     A machine that closes no loop, as of steppers alone, has an infinite gain margin and |S| = 1: no better loops, but
     none.
     """
-    open_loop = any(check.name == GAIN_MARGIN.name and math.isinf(check.value) for check in verdict[STABILITY].checks)
-    return tuple(
-        Row(STABILITY, remark=_OPEN_LOOP) if open_loop and row.name == STABILITY else row for row in verdict.rows
+    return tuple(Row(STABILITY, remark=_OPEN_LOOP) if _is_without_loop(row) else row for row in verdict.rows)
+
+
+def _is_without_loop(row: Row) -> bool:
+    return row.name == STABILITY and any(
+        check.name == GAIN_MARGIN.name and math.isinf(check.value) for check in row.checks
     )
 
 

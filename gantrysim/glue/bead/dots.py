@@ -124,7 +124,7 @@ def dots_of(run: Run, settings: BeadSettings, gap: float) -> tuple[Dot, ...]:
     stretches = spans(run.dispense).tolist()
     last = len(run.time) - 1
     middles = [(before[1] + after[0]) // 2 for before, after in pairwise(stretches)]
-    edges = [0, *middles, last]
+    edges = [0, *middles, last] if stretches else []
     demands = [_rest_demand(run, settings, begin, min(after, last)) for begin, after in stretches]
     dots = []
     for number, (stretch, share, demand) in enumerate(zip(stretches, pairwise(edges), demands, strict=True)):

@@ -214,11 +214,6 @@ class Dispenser:
         return bool(self.per_e) or any(getattr(self, name) for name in DEMANDS)
 
     @property
-    def follows_speed(self) -> bool:
-        """Whether the request goes with the speed of path or E, or with an output of the program."""
-        return bool(self.per_e or self.area or self.per_output)
-
-    @property
     def per_e(self) -> float:
         """Volume for each millimetre that the program feeds by E, 0 where E does not state the amount [mm³/mm]."""
         if self.kind == PISTON and not any(getattr(self, name) for name in DEMANDS):

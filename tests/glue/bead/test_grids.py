@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gantrysim.glue.bead import ploughing, pushing
+from gantrysim.glue.bead import contacts, pushing
 from gantrysim.glue.bead.footprint import footprint, headroom, wet_where_pushed
 from gantrysim.glue.bead.laying import Layer
 from gantrysim.metrics.spacing import forward
@@ -152,9 +152,9 @@ def test_sections_are_sorted_into_the_cells_of_their_boxes():
     half /= 6.0
     one = np.ones(count)
     dots = np.zeros(count, bool)
-    sections = ploughing.Sections(one, x, y, one, one, one, top, one, one, one, one, half, dots, thickness=0.2)
-    needle = ploughing.Needle(np.zeros((1, 3)), np.zeros(1), np.zeros(1, bool), np.ones(1, bool), 0.5, 1.0, 0.1)
-    cells = ploughing.cells_of(sections, needle)
+    sections = contacts.Sections(one, x, y, one, one, one, top, one, one, one, one, half, dots, thickness=0.2)
+    needle = contacts.Needle(np.zeros((1, 3)), np.zeros(1), np.zeros(1, bool), np.ones(1, bool), 0.5, 1.0, 0.1)
+    cells = contacts.cells_of(sections, needle)
     reach = half + 0.7
     assert cells.first[0] == 0
     assert cells.first[-1] == cells.section.size

@@ -12,7 +12,7 @@ from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.controllers.valve import Dispense
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.glue.bead import Bead, BeadSettings, Ploughing
-from gantrysim.glue.bead.ploughing import Needle, Sections, cells_of, contacts
+from gantrysim.glue.bead.contacts import Needle, Sections, cells_of, contacts
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints
