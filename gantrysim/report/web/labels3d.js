@@ -7,7 +7,7 @@ import { around, Texts } from "./texts.js";
 const ARROW = 26; // length of an axis of the triad [pixels]
 const CORNER = 44; // from the picture's corner to the triad [pixels]
 const LABEL = 13; // from an edge to its label [pixels]
-const CROWDED = 24; // distance below which a label would run into the one before [pixels]
+const CROWDED = 36; // distance below which a label would run into the one before [pixels]
 const STEEP = 75; // elevation from which on heights cannot be read [deg]
 const CLEAR = 0.4; // of the step of the heights, from the ground to their first label
 
@@ -80,10 +80,10 @@ export class Labels {
       const py = place[1] + share * (place[1] - beyond[1]);
       this._text(text, [[px, py, "center"]]);
     };
-    for (const value of steps(x0, x1, ground.step)) label(number(value, decimals), this.at(value, y, ground.z));
+    for (const value of steps(x0, x1, ground.step)) label(`x ${number(value, decimals)}`, this.at(value, y, ground.z));
     last = null;
     for (const value of steps(y0, y1, ground.step)) {
-      if (value !== y) label(number(value, decimals), this.at(x, value, ground.z));
+      if (value !== y) label(`y ${number(value, decimals)}`, this.at(x, value, ground.z));
     }
   }
 
