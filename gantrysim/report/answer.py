@@ -102,7 +102,8 @@ def _row(row: Row) -> AnswerRow:
     others = [check.measured for check in row.checks if check is not worst and check.state == FAIL]
     also = f"also {', '.join(others)}" if others and row.name != PATH else ""
     if row.state == WARN:
-        also = f"warns above {100 * NEAR_LIMIT:g} % of the limit"
+        warns = f"below {100 / NEAR_LIMIT:g}" if worst.at_least else f"above {100 * NEAR_LIMIT:g}"
+        also = f"warns {warns} % of the limit"
     return AnswerRow(row.state, row.symbol, row.name, worst.brief, worst.place.brief, also)
 
 

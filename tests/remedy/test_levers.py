@@ -14,7 +14,7 @@ from gantrysim.remedy.improvement import bound_of, controller_words
 from gantrysim.remedy.lever import State
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.levers.dispenser import compensations
-from gantrysim.remedy.levers.program import speed_changes
+from gantrysim.remedy.levers.program import ACCELERATION, CORNERS, SLOWER, speed_changes
 from gantrysim.results.score import usage_of
 
 from support.remedies import (
@@ -458,3 +458,17 @@ def test_corners_rounded_as_far_as_lines_reach_get_a_tolerance():
         "within 0.05 mm by G64 P": 0.05,
         "within 0.025 mm by G64 P": 0.025,
     }
+
+
+@pytest.mark.parametrize(
+    ("lever", "label", "cost"),
+    [
+        (ACCELERATION, "× 4", "torque"),
+        (ACCELERATION, "× 0.25", "time"),
+        (CORNERS, "× 2", "shape of the corners"),
+        (CORNERS, "within 0.05 mm by G64 P", "time"),
+        (SLOWER, "× 0.5", "cycle time"),
+    ],
+)
+def test_a_cost_goes_with_the_direction_of_a_factor(lever, label, cost):
+    assert lever.cost_of(label) == cost

@@ -16,7 +16,9 @@ from gantrysim.report.headline import contour_sentence, headline
 from gantrysim.report.plots.style import sheet
 from gantrysim.report.rows import gap_or_overlap
 from gantrysim.report.summary import summary
+from gantrysim.results.checks import Check, Row
 from gantrysim.results.run_results import RunResults
+from gantrysim.results.verdict import Verdict
 
 # one straight line from x = -80 to 80 mm
 LINE = "G21 G17 G90 G94 G64\nG0 X-80 Y0\nM62 P0\nG1 X80 F6000\nM63 P0\nM2\n"
@@ -52,6 +54,35 @@ def moved(run, along=0.0, aside=0.0):
     middle = run.dispense & (np.abs(run.commanded_tip[:, 0]) < 40)
     nozzle[middle] += (along, aside, 0.0)
     return run.replaced(nozzle=nozzle)
+
+
+@pytest.mark.parametrize(
+    ("value", "at_least", "state", "also"),
+    [
+        (9.0, False, "warn", "warns above 80 % of the limit"),
+        (12.0, True, "warn", "warns below 125 % of the limit"),
+        (7.9, False, "pass", ""),
+        (12.6, True, "pass", ""),
+    ],
+)
+def test_a_row_that_warns_says_from_where_on(job, follower, value, at_least, state, also):
+    """A value of at least 10 warns below 12.5, one of at most 10 above 8."""
+    check = Check(name="a", quantity="a", value=value, limit=10.0, unit="%", source="given", at_least=at_least)
+    results = results_of(job, follower)
+    vars(results)["verdict"] = Verdict((Row.of("machine", [check]),))
+    (row,) = Answer.of(results).rows
+    assert (row.state, row.also) == (state, also)
+
+
+def test_a_row_that_fails_names_what_else_does(job, follower):
+    checks = [
+        Check(name=name, quantity=name, value=value, limit=1.0, unit="mm", source="given", form=".2f")
+        for name, value in (("a", 3.0), ("b", 2.0), ("c", 0.5))
+    ]
+    results = results_of(job, follower)
+    vars(results)["verdict"] = Verdict((Row.of("glue", checks),))
+    (row,) = Answer.of(results).rows
+    assert (row.text, row.also) == ("a 3.00 mm, at most 1.00 mm", "also b 2.00 mm")
 
 
 def test_an_error_along_the_path_is_told_where_it_is_larger_than_the_one_across(job, follower):
