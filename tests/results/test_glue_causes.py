@@ -188,3 +188,14 @@ def test_at_constant_speed_glue_of_a_lead_before_the_first_motion_is_laid_too():
     run = job.follow()
     constant = at_constant_speed(job, Bead(run, job.bead))
     assert constant.flow.sum() * run.period == pytest.approx(FLOW * (160 / SPEED + 0.1), rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("dispenser", "meaning"),
+    [({"flow": FLOW}, "which the flow does not follow"), ({"area": FLOW / SPEED}, "which the flow follows late")],
+)
+def test_a_flow_by_speed_follows_speed_changes_late(dispenser, meaning):
+    job = line_job(SLOWER, dispenser={**dispenser, "opening": 0.2, "closing": 0.2})
+    causes = causes_of(job, job.follow())
+    (speed,) = (effect.cause for effect in causes.effects if effect.cause.name == "speed changes")
+    assert speed.meaning == meaning
