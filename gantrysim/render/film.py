@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from gantrysim.base import memory
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.bead.trace import BeadTrace
@@ -30,7 +31,8 @@ from gantrysim.render.renderer import BEAD, Renderer, checked_size
 from gantrysim.render.telemetry import Telemetry
 from gantrysim.results.checks import FAIL, PASS, UNJUDGED, WARN, Place, Row
 from gantrysim.results.colours import BAD, GOOD, NEAR, RIGHT
-from gantrysim.results.verdict import Verdict
+from gantrysim.results.glue import PASS_TIMES
+from gantrysim.results.verdict import GLUE, Verdict
 
 _LONGEST = 60.0  # of a film at the default speed [s]
 _MOST_FRAMES = 100_000
@@ -38,6 +40,7 @@ _LEAST_HEIGHT = 40  # of the pictures [pixels]
 _SIZES = {1: (1280, 720), 2: (1280, 720), 4: (1920, 1080)}
 COUNTS = tuple(_SIZES)  # numbers of runs that a film can show
 _GAP = 4  # between pictures side by side [pixels]
+_PASS_POINTS = 17  # of the needle's way through its own glue in one pass
 _WHOLE = 1.0  # of the film, that shows the whole machine [s]
 _FLYING = 1.5  # of the film, in which the camera flies to the bead [s]
 _INTRODUCTION = 0.25  # of a film, that both take at most
@@ -159,6 +162,7 @@ class Film(Closing):
         self._captions = [
             Caption(verdict, cell.width, letters) for verdict, cell in zip(verdicts, self.cells, strict=True)
         ]
+        self._passes = [_passes(run, verdict) for run, verdict in zip(runs, verdicts, strict=True)]
         # frames of a long run need it
         memory.give_back()
 
@@ -205,8 +209,9 @@ class Film(Closing):
         share = self._flight_share(time, speed)
         for cell, renderer, run in zip(self.cells, self._renderers, self._runs, strict=True):
             cell.of(frame)[:] = renderer.frame(run.tick(time), share)
-        for cell, caption, renderer in zip(self.cells, self._captions, self._renderers, strict=True):
-            caption.write(cell.of(frame), self._worst(caption, renderer, time) if share == 1 else None)
+        for k, (cell, caption, renderer) in enumerate(zip(self.cells, self._captions, self._renderers, strict=True)):
+            ways = list(self._ways(k, time)) if share == 1 else []
+            caption.write(cell.of(frame), self._worst(caption, renderer, time) if share == 1 else None, ways)
         for cell, header in zip(self.cells, self._headers, strict=False):  # one run has none
             Cell(cell.left, cell.top - header.size[1], *header.size).of(frame)[:] = header.picture(time)
         frame[: self.panel.size[1]] = self.panel.picture(time, speed)
@@ -218,6 +223,12 @@ class Film(Closing):
         if place is None or place.point is None or place.time is None or time < place.time:
             return None
         return renderer.pixel_of(place.point)
+
+    def _ways(self, k: int, time: float) -> Iterator[list[tuple[float, float]]]:
+        """Yield columns and rows of the needle's way through its own glue in a picture, pass by pass, until a time."""
+        for times, points in self._passes[k]:
+            pixels = map(self._renderers[k].pixel_of, points[times <= time].tolist())
+            yield [pixel for pixel in pixels if pixel is not None]
 
     def end_card(self, speed: float | None = None) -> Picture:
         """Return what the film ends with for a second: the verdicts on its runs, (height, width, 3); speed as above."""
@@ -310,6 +321,17 @@ def _labels(takes: Sequence[Take]) -> list[str]:
     if any(take.label for take in takes) or len(takes) == 1 or len(known) < len(jobs):
         return names
     return differences(known) or names
+
+
+def _passes(run: Run, verdict: Verdict | None) -> list[tuple[Floats, Floats]]:
+    """Return times [s] and places [mm] of the needle's passes through its own glue, (m,) and (m, 3) each."""
+    spans = verdict[GLUE].values.get(PASS_TIMES, []) if verdict is not None and verdict.rows else []
+    passes = []
+    for begin, end in spans:
+        times = np.linspace(begin, end, _PASS_POINTS)
+        places = np.stack([np.interp(times, run.time, run.nozzle[:, axis]) for axis in range(3)], axis=1)
+        passes.append((times, places))
+    return passes
 
 
 def _common_framing(takes: Sequence[Take], size: tuple[int, int]) -> Framing | None:

@@ -120,6 +120,9 @@ def _description(kind: type[Any], names: Sequence[str]) -> str:
 _HEIGHT = 2.9  # of a header with one line of readout, in sizes of its letters
 _WIDTHS = {1: 34, 2: 22}  # by lines of readout, that hold all of it, in sizes of the letters
 _MARK = 1.1  # size of the mark at the worst place, in sizes of the letters
+# width of the needle's way through its own glue, and with an edge around it, in sizes of that mark
+_WAY = 0.16
+_WAY_EDGE = 0.36
 _MOST_MARK = 0.5  # width of its text, relative to the picture, up to which it names the quantity
 _CAPTION_HEIGHT = 1.8  # in sizes of its letters
 _LEAST_LETTERS = 10  # size of the letters, unless the panel's are smaller [pixels]
@@ -223,18 +226,36 @@ class Caption:
         self._size = round(_MARK * largest)
         self.place = place
 
-    def write(self, picture: Picture, worst: tuple[float, float] | None = None) -> None:
+    def write(
+        self,
+        picture: Picture,
+        worst: tuple[float, float] | None = None,
+        ways: Sequence[Sequence[tuple[float, float]]] = (),
+    ) -> None:
         """Write the caption over a picture, (height, width, 3).
 
         Args:
             picture: to be written on.
             worst: column and row of the worst place; None where it is not to be marked.
+            ways: columns and rows of the needle's ways through its own glue.
         """
+        self._draw_ways(picture, [way for way in ways if len(way) > 1])
         if worst is not None:
             self._mark(picture, *worst)
         if self._verdict is not None:
             rows, columns = self._verdict.shape[:2]
             picture[:rows, :columns] = self._verdict[: len(picture)]
+
+    def _draw_ways(self, picture: Picture, ways: Sequence[Sequence[tuple[float, float]]]) -> None:
+        """Draw the needle's ways through its own glue."""
+        if not ways:
+            return
+        image = Image.fromarray(picture)
+        draw = ImageDraw.Draw(image)
+        for share, colour in ((_WAY_EDGE, PAPER), (_WAY, FAULT)):
+            for way in ways:
+                draw.line(list(way), rgb(colour), max(round(share * self._size), 1), "curve")
+        picture[:] = np.asarray(image)
 
     def _mark(self, picture: Picture, column: float, row: float) -> None:
         """Draw a triangle that points down to a place, with its text beside it, inside the picture."""

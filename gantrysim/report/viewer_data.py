@@ -34,8 +34,9 @@ from gantrysim.report.encoding import MOST_ROWS, encoded_ascending, encoded_numb
 from gantrysim.report.plots.plan import magnification
 from gantrysim.report.plots.style import COLOURS, DASHES
 from gantrysim.results.checks import FAIL, PASS
-from gantrysim.results.glue import DotVerdict
+from gantrysim.results.glue import PASS_TIMES, DotVerdict
 from gantrysim.results.run_results import RunResults
+from gantrysim.results.verdict import GLUE
 
 # What the page's 3-D view needs beside the columns of the viewer: the bead's height and the machine's poses.
 #
@@ -289,6 +290,17 @@ class ViewerData:
         check = self.results.verdict.placed_check
         return "" if check is None else check.measured
 
+    def _ploughed(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Whether the needle passes through its own glue at ticks of the run, (m,)."""
+        verdict = self.results.verdict
+        time = self.results.budget.analysis.run.time[rows]
+        ploughed = np.zeros(rows.size, bool)
+        passes = verdict[GLUE].values.get(PASS_TIMES, ()) if verdict.rows else ()
+        for begin, end in passes:
+            # a pass between two rows shows at both
+            ploughed[max(np.searchsorted(time, begin, "right") - 1, 0) : np.searchsorted(time, end) + 1] = True
+        return ploughed
+
     def content(self) -> dict[str, Any]:
         """Return what the viewer reads: columns, their series, the program's text, nominal values and tolerances."""
         run = self.results.budget.analysis.run
@@ -299,6 +311,8 @@ class ViewerData:
             "dispense": encoded_runs(run.dispense[rows]),
             "line": encoded_runs(lines),
         }
+        if (ploughed := self._ploughed(rows)).any():
+            columns["ploughed"] = encoded_runs(ploughed)
         contents = []
         for series in self.series:
             values = series.at(rows)
@@ -324,6 +338,7 @@ class ViewerData:
             "worst_value": self._worst_value,
             "passes": verdict.state == PASS,
             "shown": verdict.shown_row,
+            "path_statistic": verdict.path_statistic,
             "path_tolerance": UM * (verdict.path_limit or self._tolerance.path_max),
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": self._width_tolerance,

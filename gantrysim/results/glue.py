@@ -37,6 +37,7 @@ from gantrysim.results.verdict_quantities import (
 PlaceAt = Callable[[int], Place]
 
 GLUE = "glue"
+PASS_TIMES = f"{PASSES.key}_s"  # when each pass begins and ends
 THROUGH_GLUE = "needle through its own"
 
 # of the requested distance of the turns: beyond it, links that climb are longer than the distance asked in plan view
@@ -73,7 +74,7 @@ def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt, *, is_requeste
         ploughing = Ploughing.of(bead, tolerance.start_length, tolerance.stop_length)
         checks = [*dots.checks, _ploughing_check(ploughing, tolerance, place_at)]
         remark = "; ".join([dots.remark, *_ploughing_remarks(ploughing, bead, tolerance)])
-        both = Row.of(GLUE, checks, remark, {**values, PASSES.key: ploughing.passes})
+        both = Row.of(GLUE, checks, remark, {**values, **_passes_content(ploughing, bead)})
         return replace(both, state=worst([dots.state, both.state]))
     row = _bead_row(bead, tolerance, place_at)
     # the last part is what to do about a ploughed bead
@@ -100,7 +101,7 @@ def _bead_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
     ploughing = Ploughing.of(bead, tolerance.start_length, tolerance.stop_length)
     checks.append(_ploughing_check(ploughing, tolerance, place_at))
     remarks = [width.remark, *([_TURNS_THAT_CLIMB] if climbs else ()), *_ploughing_remarks(ploughing, bead, tolerance)]
-    return Row.of(GLUE, checks, "; ".join(remarks), {**width.content(), PASSES.key: ploughing.passes})
+    return Row.of(GLUE, checks, "; ".join(remarks), {**width.content(), **_passes_content(ploughing, bead)})
 
 
 class BeadWidth:
@@ -222,6 +223,13 @@ def _climbs(bead: Bead) -> bool:
         return False
     height = bead.analysis.spacing.link[..., 2]
     return len(height) > 0 and float(np.abs(height[:, 1] - height[:, 0]).max()) > _LEVEL * asked
+
+
+def _passes_content(ploughing: Ploughing, bead: Bead) -> dict[str, Any]:
+    """Return the number of the passes through glue for JSON, and when each begins and ends [s]."""
+    time = bead.run.time
+    times = [[float(time[max(first - 1, 0)]), float(time[after - 1])] for first, after in ploughing.stretches]
+    return {PASSES.key: ploughing.passes, PASS_TIMES: times}
 
 
 def _ploughing_check(ploughing: Ploughing, tolerance: Tolerance, place_at: PlaceAt) -> Check:

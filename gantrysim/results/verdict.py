@@ -33,6 +33,7 @@ from gantrysim.servo.stability.margins import GAIN_MARGIN, SENSITIVITY, Margins,
 PATH = "path"
 STABILITY = "stability"
 MACHINE = "machine"
+PATH_STATISTICS = {"path_max": "max", "path_p95": "95 %"}  # of the contour error, by their limits
 
 _FAULT_REMARK = "the run ended in a fault"
 # style of a cell of the table in HTML
@@ -153,6 +154,11 @@ class Verdict(Shown):
         return None if self.tolerance is None else shown_path_limit(self[PATH], self.tolerance)
 
     @property
+    def path_statistic(self) -> str:
+        """Statistic of the contour error that `path_limit` bounds: "max" or "95 %"; empty where none is judged."""
+        return "" if self.tolerance is None else PATH_STATISTICS[_shown_path_check(self[PATH])]
+
+    @property
     def worst_check(self) -> Check | None:
         """The worst check of the worst row; None where there is no such row, or its remark alone says why it fails."""
         row = self.worst_row
@@ -250,8 +256,14 @@ def shown_path_limit(row: Row, tolerance: Tolerance) -> float:
         row: the verdict on the path.
         tolerance: limits of the run.
     """
+    limit: float = getattr(tolerance, _shown_path_check(row))
+    return limit
+
+
+def _shown_path_check(row: Row) -> str:
+    """Return the name of the limit of the contour error in pictures."""
     states = {check.name: ORDER.index(check.state) for check in row.checks}
-    return tolerance.path_p95 if states.get("path_p95", 0) > states.get("path_max", 0) else tolerance.path_max
+    return "path_p95" if states.get("path_p95", 0) > states.get("path_max", 0) else "path_max"
 
 
 def stability_row(job: Basis, margins: tuple[Margins, ...] | None, tolerance: Tolerance) -> Row:

@@ -101,3 +101,21 @@ def test_the_worst_place_is_marked_once_the_run_has_come_to_it(part):
     check = run.verdict.worst_check
     text = f"{check.quantity} {check.value:.1f} {check.unit}"
     assert shows(after.astype(np.uint8), text, film.panel.font.size, FAULT)
+
+
+def test_a_pass_through_glue_is_drawn_once_the_needle_has_made_it(tmp_path):
+    """Two strokes that cross at (20, 0), the second one from below."""
+    file = tmp_path / "cross.ngc"
+    file.write_text("G21 G90 G61\nF3000\nG0 X0 Y0\nM3\nG1 X40\nM5\nG0 X20 Y-20\nM3\nG1 Y20\nM5\nM2\n")
+    job = Job.load(file)
+    run = job.run()
+    ((begin, end),) = run.verdict["glue"].values["passes_through_glue_s"]
+    with Film([Take(job.built_machine, run, job.name, job.bead)], size=SIZE) as film:
+        (cell,) = film.cells
+        before, after = (cell.of(film.frame(time)).astype(int) for time in (begin - 0.01, end + 0.001))
+        ways = [film._renderers[0].pixel_of((20.0, y, float(run.nozzle[-1, 2]))) for y in (-0.5, 0.0, 0.5)]
+    red = [np.abs(picture - rgb(FAULT)).max(axis=2) < 8 for picture in (before, after)]
+    assert not red[0].any()
+    assert red[1].any()
+    for column, row in ways:
+        assert red[1][round(row) - 2 : round(row) + 3, round(column) - 2 : round(column) + 3].any()

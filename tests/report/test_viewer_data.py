@@ -386,3 +386,24 @@ def test_a_path_of_too_many_corners_is_drawn_without_them():
     results = SimpleNamespace(budget=SimpleNamespace(analysis=SimpleNamespace(run=run)))
     assert len(ViewerData(results, most=11).corners()) == 11
     assert ViewerData(results, most=10).corners() == []
+
+
+def test_the_rows_in_which_the_needle_is_in_its_own_bead_are_those_of_the_verdicts_passes():
+    """A stroke along x, that a second one crosses at its middle: the needle is in the bead for its width and a face."""
+    text = "G21 G90 G64\nG0 X-20 Y0\nM3\nG1 X20 F600\nM5\nG0 X0 Y-20\nM3\nG1 Y20 F600\nM5\nM2\n"
+    program = {"controller": "linuxcnc.Program", "text": text}
+    content = {"name": "cross", "machine": "xy", "program": program, "dispenser": {"area": 1.0}}
+    job = Job.of_content(content, "job cross")
+    run = job.run()
+    bead = Bead(run, job.bead, Analysis(run))
+    results = RunResults(job, job.built_machine, Budget(bead.analysis), bead)
+    content = as_json(ViewerData(results).content())
+    rows = content["rows"]
+    ploughed = decoded(content["columns"]["ploughed"], rows) > 0
+    y = decoded(content["columns"]["y"], rows)[ploughed]
+    half = 0.5 * (bead.nominal_section.width[0] + run.face)
+    # a bead that is pressed has its widest chord below the needle's face; a dispensing face counts on its axis alone
+    assert -half <= y.min() < y.max() <= half
+    assert y.max() - y.min() > 0.3 * bead.nominal_section.width[0]
+    (times,) = results.verdict["glue"].values["passes_through_glue_s"]
+    np.testing.assert_allclose(run.time[ploughed][[0, -1]], times, atol=run.period)

@@ -56,6 +56,7 @@ class Ploughing:
         dots: number of dots among it.
         tick: where the face is deepest in the longest pass, while it dispenses if it does so in most of that pass; None
             without any.
+        stretches: first tick of each pass and the one after its last.
     """
 
     length: float = 0.0
@@ -63,6 +64,7 @@ class Ploughing:
     depth: float = 0.0
     dots: int = 0
     tick: int | None = None
+    stretches: tuple[tuple[int, int], ...] = ()
 
     @classmethod
     def of(cls, bead: BeadTrace, start: float, stop: float) -> Ploughing:
@@ -112,6 +114,7 @@ class Ploughing:
             depth=max(float(depth.max()), 0.0),
             dots=int(np.count_nonzero(dotted)),
             tick=first + int(np.where(mostly, depth[first:after], -np.inf).argmax()),
+            stretches=tuple(passes),
         )
 
 

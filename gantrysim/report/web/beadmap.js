@@ -67,12 +67,27 @@ export class BeadMap {
       Object.assign(context, { strokeStyle: dot.failed ? colours.alarm : colours.soft, lineWidth: dot.failed ? 2 : 1 });
       context.stroke();
     }
+    this._passes(context, map, colours);
     const { x, y } = this.data.column;
     /** @param {number} row */
     const point = (row) => ({ x: x[row], y: y[row] });
     const { worst } = this.data;
     map.markWorst(context, map.px(x[worst]), map.py(y[worst]), colours, "worst");
     map.markEnds(context, point, colours);
+  }
+
+  /** The needle's way through its own glue. @param {Context} context @param {PlanMap} map @param {Theme} colours */
+  _passes(context, map, colours) {
+    const { x, y } = this.data.column;
+    context.beginPath();
+    for (const [first, last] of this.data.ploughed) {
+      context.moveTo(map.px(x[first]), map.py(y[first]));
+      for (let row = first; row <= last; row++) context.lineTo(map.px(x[row]), map.py(y[row]));
+    }
+    for (const [strokeStyle, lineWidth] of [[colours.paper, 5], [colours.alarm, 2.5]]) {
+      Object.assign(context, { strokeStyle, lineWidth });
+      context.stroke();
+    }
   }
 
   /** @param {Context} context @param {PlanMap} map @param {Theme} colours */

@@ -150,6 +150,8 @@ export class RunData {
   /** @type {number} */ worst;
   /** @type {string} what is worst there, in words */ worstValue;
   /** @type {Stretch[]} where the dispenser is off */ off;
+  /** @type {Stretch[]} where the needle passes through its own glue */ ploughed;
+  /** @type {string} statistic of the path's error that its tolerance bounds */ path_statistic;
 
   /** @param {RunContent} content */
   constructor(content) {
@@ -179,6 +181,7 @@ export class RunData {
     this.worst = content.worst ?? largest; // where the verdict is worst
     this.worstValue = content.worst === null ? "" : content.worst_value;
     this.off = stretches(rows, (k) => !this.column.dispense[k]);
+    this.ploughed = this.column.ploughed ? stretches(rows, (k) => this.column.ploughed[k]) : [];
   }
 
   /**

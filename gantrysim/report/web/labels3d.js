@@ -112,7 +112,9 @@ export class Labels {
       const [px, py] = this.at(x, y, z);
       this._text(number(z, decimals), [[px - 7, py, "right"]]);
     }
-    this._text(factor > 1 ? `z [mm] × ${factor}` : "z [mm]", [[top[0], top[1] - LABEL, "center"]], { always: true });
+    /** @type {TextPlace[]} */
+    const places = [[top[0], top[1] - LABEL, "center"], [top[0] + 7, top[1], "left"], [top[0], top[1] - 2 * LABEL, "center"]];
+    this._text(factor > 1 ? `z [mm] × ${factor}` : "z [mm]", places, { always: true });
   }
 
   /** The directions of x, y and z, and that the numbers are mm. */

@@ -8,9 +8,9 @@ export class Moment {
     this.data = data;
     this.output = element("output", { class: "now", "aria-live": "off" });
     this.element = element("div", {}, this.output);
-    if (data.width) {
-      this.element.append(element("small", {}, "Starts and stops of the bead are judged by their length, not by its width."));
-    }
+    const notes = data.ploughed.length ? ["Red line: needle in its own bead."] : [];
+    if (data.width) notes.push("Starts and stops of the bead are judged by their length, not by its width.");
+    if (notes.length) this.element.append(element("small", {}, notes.join(" ")));
     cursor.onMove((row) => this._show(row));
     this._show(cursor.row);
   }

@@ -26,7 +26,7 @@ export class ScaleBar {
     this.low.textContent = byWidth ? `−${end} %` : "0";
     this.high.textContent = byWidth ? `+${end} %` : `${end} µm`;
     const text = Number(digits(limit)); // without zeros at its end
-    this.limit.textContent = byWidth ? `limit ±${text} %` : `limit ${text} µm`;
+    this.limit.textContent = byWidth ? `limit ±${text} %` : `limit ${text} µm${data.path_statistic && ` (${data.path_statistic})`}`;
     bar.className = `ramp ${byWidth ? "width" : "share"}`;
     bar.replaceChildren();
     for (const value of byWidth ? [-1, 1] : [1]) {

@@ -50,6 +50,7 @@ export class Scene3d {
   /** @type {Labels} */ labels;
   /** @type {Scale3d | undefined} of a run's colours */ scale;
   /** @type {LineBasicMaterial} of the way without glue */ travel;
+  /** @type {LineBasicMaterial} of the needle's way through its own glue */ alarm;
   /** @type {LineBasicMaterial} of the beads' shadows on the ground */ shade;
   /** @type {boolean} whether the whole bead is shown */ whole;
   /** @type {boolean} whether the data have changed since it was built */ outdated;
@@ -107,6 +108,7 @@ export class Scene3d {
     this.renderer.setClearColor(colours.paper);
     this.ground.paint(colours.line);
     this.travel.color.set(colours.soft);
+    this.alarm.color.set(colours.alarm);
     this.shade.color.set(colours.soft);
     this._redraw();
   }
@@ -142,6 +144,7 @@ export class Scene3d {
     this.size = Math.max(...Object.values(this.box).map(([least, most]) => most - least));
     this.ground = new Ground(this.box, this.frame);
     this.travel = new LineBasicMaterial({ transparent: true, opacity: 0.7 });
+    this.alarm = new LineBasicMaterial({ depthTest: false, transparent: true }); // also seen inside the bead
     this.shade = new LineBasicMaterial({ transparent: true, opacity: 0.45 });
     this.root.add(this.ground.object);
   }

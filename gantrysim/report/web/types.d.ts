@@ -77,6 +77,7 @@ interface RunContent {
   worst_value: string;
   passes: boolean;
   shown: string;
+  path_statistic: string;
   path_tolerance: number;
   width: number | null;
   width_tolerance: number;

@@ -38,7 +38,9 @@ export class View extends Scene3d {
     const { z } = data.column;
     const travel = this._lines(data, (row) => !data.column.dispense[row], (row) => z[row], this.travel);
     const shade = this._lines(data, (row) => data.column.dispense[row], () => this.ground.z, this.shade);
-    this.root.add(shade, travel, this.ribbon.object, this.dots.object, this.machine.object);
+    const { ploughed } = data.column;
+    const passes = this._lines(data, (row) => ploughed?.[row] && ploughed[row - 1], (row) => z[row], this.alarm);
+    this.root.add(passes, shade, travel, this.ribbon.object, this.dots.object, this.machine.object);
   }
 
   _caption() {

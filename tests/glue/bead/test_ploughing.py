@@ -117,6 +117,17 @@ def test_the_place_is_where_the_needle_enters():
     assert -(half_chord(0.0) + FACE / 2) <= nozzle[1] <= 0.1
 
 
+def test_a_pass_lasts_as_long_as_the_needle_is_in_the_bead():
+    bead = crossed(0.0)
+    (stretch,) = ploughed(bead).stretches
+    first, after = stretch
+    reach = half_chord(0.0) + FACE / 2
+    step = SPEED * PERIOD
+    across = bead.run.nozzle[:, 1]
+    assert across[first] == pytest.approx(-reach, abs=step)
+    assert across[after - 1] == pytest.approx(reach, abs=step)
+
+
 def test_a_lift_before_the_way_back_leaves_the_bead_alone():
     low = bead_of(((0, 0, 0), False), ((60, 0, 0), True), ((0, 0, 0), False))
     high = bead_of(((0, 0, 0), False), ((60, 0, 0), True), ((60, 0, UP), False), ((0, 0, UP), False))
