@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -204,7 +204,7 @@ class Evaluation:
                 progress=progress,
             )
         self._changes = found_changes(improvement)
-        show_change(asdict(self._changes.remedy), str(folder))
+        show_change(self._changes.remedy.content(), str(folder))
         return True
 
     def write_proposal(self, scratch: Path, folder: Path) -> None:

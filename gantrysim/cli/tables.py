@@ -181,8 +181,12 @@ def show_verdict(answer: Answer) -> None:
 
 
 def show_cause(answer: Answer, headline: str) -> None:
-    """Print what spoils a run, or its error where nothing does."""
-    _show_rows([("error" if answer.state == PASS else "cause", headline)])
+    """Print what spoils a run, or its error where nothing does; a value that the verdict has above is left out."""
+    cause = headline
+    for row in answer.rows:
+        place = f", {row.place}" if row.place else ""
+        cause = cause.removeprefix(f"{row.name.capitalize()}: {row.text}{place}.").lstrip()
+    _show_rows([("error" if answer.state == PASS else "cause", cause or headline)])
 
 
 def show_choice(notes: Sequence[str], folder: str) -> None:

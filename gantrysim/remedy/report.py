@@ -21,6 +21,7 @@ from gantrysim.remedy.improve import improve, worst_rows
 from gantrysim.remedy.improvement import USAGE, Improvement, names_of, options
 from gantrysim.remedy.lever import FREE
 from gantrysim.remedy.outcome import Outcome
+from gantrysim.remedy.trial import GAIN_ARROW
 from gantrysim.report.answer import Remedy
 from gantrysim.report.document import Changes, Section, Table, lead_of
 from gantrysim.results.checks import FAIL, PASS
@@ -87,7 +88,8 @@ def remedy_of(improvement: Improvement) -> Remedy:
     before, now = (f"{outcome.duration:.2f} s" for outcome in (improvement.before, improvement.after))
     time = f"{now}, as before" if before == now else f"{now} instead of {before}"
     remains = "" if after.worst_check is None else f", {after.worst_check.brief}"
-    values = _values(improvement)
+    # the sentence may tell them already
+    values = "" if GAIN_ARROW in improvement.sentence else _values(improvement)
     by_place = improvement.by_place
     if isinstance(by_place, SpeedByPlace) and by_place.outcome.duration < improvement.after.duration:
         time = f"{time}, or {by_place.outcome.duration:.2f} s with a speed by place"
@@ -103,16 +105,35 @@ def remedy_of(improvement: Improvement) -> Remedy:
         tuple(options(improvement.base, improvement.job)),
         improvement.sentence,
         values,
+        _former_text(improvement),
     )
 
 
+def _former_text(improvement: Improvement) -> str:
+    """Return the program's text without the changes, where they are in it; empty otherwise."""
+    key = improvement.base.controller.text_argument
+    texts = [job.program.get(key) for job in (improvement.base, improvement.job)]
+    former, now = (text if isinstance(text, str) else "" for text in texts)
+    return former if former != now else ""
+
+
 def _values(improvement: Improvement) -> str:
-    """Return the worst values after the changes of the rows that do not pass without them, or with them."""
-    bad = [row.name for row in improvement.verdict.rows if row.state != PASS]
-    rows = [row for row in improvement.improved.rows if row.checks and (row.name in bad or row.state != PASS)]
+    """Return the values after the changes that fail without them, and the worst ones of rows that do not pass."""
+    former = {row.name: row for row in improvement.verdict.rows}
     # the worst one is told with the verdict
     worst = improvement.improved.worst_check
-    return "; ".join(f"{row.name}: {row.checks[0].brief}" for row in rows if row.checks[0] is not worst)
+    texts = []
+    for row in improvement.improved.rows:
+        failed = {check.name for check in former[row.name].checks if check.state == FAIL}
+        is_bad = row.state != PASS or former[row.name].state != PASS
+        checks = [check for check in row.checks if check.name in failed or (is_bad and check is row.checks[0])]
+        values = [
+            check.brief if check is row.checks[0] or check.state != PASS else check.measured
+            for check in checks
+            if check is not worst
+        ]
+        texts += [f"{row.name}: {', '.join(values)}"] if values else []
+    return "; ".join(texts)
 
 
 def _caption(text: str) -> str:

@@ -14,6 +14,8 @@ from gantrysim.results.checks import PASS, UNJUDGED, Check, Row
 from gantrysim.results.score import usage_of
 from gantrysim.results.verdict import Verdict
 
+GAIN_ARROW = " → "  # from a value to that after a change
+
 
 @dataclass(frozen=True)
 class Gain:
@@ -50,7 +52,7 @@ class Gain:
     def text(self) -> str:
         """Both values with their unit."""
         unit = f" {self.unit}" if self.unit else ""
-        return f"{number_text(self.before, self.form)} → {number_text(self.after, self.form)}{unit}"
+        return f"{number_text(self.before, self.form)}{GAIN_ARROW}{number_text(self.after, self.form)}{unit}"
 
 
 def gains_of(before: Verdict, after: Verdict | None) -> tuple[Gain, ...]:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from difflib import SequenceMatcher
+from typing import Any
 
 from gantrysim.report.headline import cause_sentences, glue_sentences, headline
 from gantrysim.results.checks import FAIL, NEAR_LIMIT, PASS, WARN, Row
 from gantrysim.results.glue import ploughing_remedy
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import GLUE, PATH
+
+_QUOTES = '"""'  # around a text of several lines in TOML
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,7 @@ class Remedy:
         options: for the command line, after those with which the job was loaded; none where they cannot express it.
         sentence: whether the verdict is then a pass, and what remains otherwise.
         values: worst values, with the changes, of the rows that do not pass without them.
+        former: the program's text without the changes, where the lines hold a changed one.
     """
 
     change: str
@@ -32,6 +37,25 @@ class Remedy:
     options: tuple[str, ...] = ()
     sentence: str = ""
     values: str = ""
+    former: str = ""
+
+    def content(self) -> dict[str, Any]:
+        """Return it for JSON; the former text stays in the job."""
+        return {name: value for name, value in asdict(self).items() if name != "former"}
+
+    @property
+    def marked_lines(self) -> list[tuple[str, bool]]:
+        """The lines, and whether each is a line of the program that the former text does not have."""
+        lines = self.lines.rstrip().split("\n")
+        marked = [False] * len(lines)
+        if self.former and any(line.endswith(_QUOTES) for line in lines):
+            first = next(k for k, line in enumerate(lines) if line.endswith(_QUOTES)) + 1
+            after = next((k for k in range(first, len(lines)) if lines[k].endswith(_QUOTES)), len(lines))
+            matcher = SequenceMatcher(None, self.former.rstrip().split("\n"), lines[first:after], autojunk=False)
+            for kind, _, _, begin, end in matcher.get_opcodes():
+                if kind in ("replace", "insert"):
+                    marked[first + begin : first + end] = [True] * (end - begin)
+        return list(zip(lines, marked, strict=True))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from gantrysim.job.causes import Causes
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, LAG
-from gantrysim.results.checks import Row
+from gantrysim.results.checks import FAIL, Check, Row
 from gantrysim.results.glue import THROUGH_GLUE
 from gantrysim.results.glue_causes import GlueCauses
 from gantrysim.results.run_results import RunResults
@@ -101,19 +101,23 @@ def glue_sentences(row: Row, causes: GlueCauses | None) -> Iterator[str]:
     check = row.worst_check
     if check is not None and check.name == PLOUGHED.name:
         yield f"{row.remark[row.remark.find(THROUGH_GLUE) :].capitalize()}."
+        others = [check for check in row.checks if check.state == FAIL and check.name != PLOUGHED.name]
+        if causes is not None and others:
+            yield f"{others[0].measured[0].upper()}{others[0].measured[1:]}."
+            yield from glue_cause_sentences(causes, others[0])
     elif causes is not None:
         yield from glue_cause_sentences(causes)
 
 
-def glue_cause_sentences(causes: GlueCauses) -> Iterator[str]:
-    """Yield what causes the worst value of the glue, as `cause_sentences`."""
-    check = causes.check
+def glue_cause_sentences(causes: GlueCauses, check: Check | None = None) -> Iterator[str]:
+    """Yield what causes a value of the glue, by default the worst one, as `cause_sentences`."""
+    check = check or causes.check
     if check is None:
         return
     worths = [
-        _Worth(effect.cause.name, check.value, causes.worth(effect), effect.cause.meaning)
+        _Worth(effect.cause.name, check.value, causes.worth(effect, check), effect.cause.meaning)
         for effect in causes.effects
-        if not math.isnan(causes.worth(effect))
+        if not math.isnan(causes.worth(effect, check))
     ]
     unit = f" {check.unit}" if check.unit else ""
     yield _main_cause(

@@ -65,7 +65,7 @@ def summary(results: RunResults, changes: Changes | None = None) -> dict[str, An
         "fault": _fault(run),
         "injected": _injected_faults(run, LOSSES_GROUP.contents(results)),
         "headline": headline(results),
-        "changes": None if changes is None else asdict(changes.remedy),
+        "changes": None if changes is None else changes.remedy.content(),
         "sections": {name: section.content() for name, section in sections_in_text(results, changes)},
         "versions": versions(results.machine),
         **scatter,

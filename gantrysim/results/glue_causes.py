@@ -218,9 +218,9 @@ class GlueCauses:
         """The check whose causes are told: the worst one."""
         return self.row.worst_check
 
-    def worth(self, effect: GlueEffect) -> float:
-        """Return the worst value less that without a cause, in its unit; negative where it offsets others."""
-        check = self.check
+    def worth(self, effect: GlueEffect, check: Check | None = None) -> float:
+        """Return a value, by default the worst one, less that without a cause, in its unit; negative where it helps."""
+        check = check or self.check
         return math.nan if check is None else check.value - effect.value(check.name)
 
     @property

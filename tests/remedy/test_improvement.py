@@ -193,6 +193,19 @@ def test_the_first_screen_has_the_values_of_what_was_cured_and_of_what_is_left()
     assert "3.0 mm, at most 4.0 mm" in texts[0].replace("\xa0", " ")
 
 
+def test_the_first_screen_has_what_failed_beside_the_worst_value():
+    def row(*values):
+        names = ("bead_width", "start_missing", "stop_excess")
+        checks = [
+            Check(name=name, quantity=name, value=value, limit=4.0, unit="mm", source="given")
+            for name, value in zip(names, values, strict=True)
+        ]
+        return Verdict((Row.of("glue", checks),))
+
+    texts = _values(SimpleNamespace(verdict=row(9.0, 6.0, 1.0), improved=row(3.0, 2.5, 2.0)))
+    assert texts.replace("\xa0", " ") == "glue: bead_width 3.0 mm, at most 4.0 mm, start_missing 2.5 mm"
+
+
 @pytest.mark.parametrize(
     ("acceleration", "bound"),
     [(1000.0, "the drives: their torque or speed has too little reserve"), (math.inf, "the program: it limits no acc")],

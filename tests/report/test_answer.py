@@ -10,7 +10,7 @@ from gantrysim.faults import EncoderSlip
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis, Range
 from gantrysim.metrics.budget import Budget
-from gantrysim.report.answer import Answer
+from gantrysim.report.answer import Answer, Remedy
 from gantrysim.report.card import HEIGHT, WIDTH, draw_card
 from gantrysim.report.headline import contour_sentence, headline
 from gantrysim.report.plots.style import sheet
@@ -147,3 +147,12 @@ def test_the_summary_names_the_axes_whose_loops_are_unstable(job, follower):
     assert summary(results_of(shaky, follower))["unstable_axes"] == ["y"]
     unknown = job.model_copy(update={"margins": None})
     assert summary(results_of(unknown, follower))["unstable_axes"] is None
+
+
+def test_lines_of_a_changed_program_are_told_from_those_that_stay():
+    former = "G21\nG0 X0 Y0\nG1 X10 F600\nM2\n"
+    lines = '[program]\ntext = """\nG21\nG0 X0 Y0 Z3\nG0 Z0\nG1 X10 F600\nM2\n"""\n\n[dispenser]\nadvance = 0.02\n'
+    marked = Remedy("lift", lines=lines, former=former).marked_lines
+    assert [line for line, _ in marked] == lines.rstrip().split("\n")
+    assert [line for line, is_changed in marked if is_changed] == ["G0 X0 Y0 Z3", "G0 Z0"]
+    assert not any(is_changed for _, is_changed in Remedy("lift", lines=lines).marked_lines)

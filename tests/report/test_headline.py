@@ -4,8 +4,9 @@ import pytest
 
 from gantrysim.job.causes import CAUSES, Causes, Effect
 from gantrysim.metrics.analysis import ErrorSize
-from gantrysim.report.headline import cause_sentences, glue_cause_sentences
+from gantrysim.report.headline import cause_sentences, glue_cause_sentences, glue_sentences
 from gantrysim.results.checks import Check, Row
+from gantrysim.results.glue import THROUGH_GLUE
 from gantrysim.results.glue_causes import GLUE_CAUSES, GlueCauses, GlueEffect
 
 WHOLE = 10e-3  # rms error [mm]
@@ -76,3 +77,21 @@ def test_a_cause_of_the_glue_is_named_from_a_hundredth_of_the_value_on():
     (text,) = glue_cause_sentences(GlueCauses(row(20.0), (effects[0], effects[2])))
     assert f"{first} (4.0 %)" in text
     assert third not in text
+
+
+@pytest.mark.parametrize(("width", "is_told"), [(20.0, True), (9.0, False)])
+def test_beside_a_ploughed_bead_the_cause_of_what_else_fails_is_told(width, is_told):
+    def row(value):
+        narrow = Check(
+            name="bead_width", quantity="bead too narrow by", value=value, limit=10.0, unit="%", source="given"
+        )
+        passed = Check(name="bead_ploughed", quantity="bead ploughed", value=5.0, limit=0.0, unit="mm", source="given")
+        return Row.of("glue", [narrow, passed], f"{THROUGH_GLUE} bead: 1 pass; lift it")
+
+    first, *_ = GLUE_CAUSES
+    causes = GlueCauses(row(width), (GlueEffect(first, row(0.25 * width)),))
+    remark, *others = glue_sentences(row(width), causes)
+    assert remark == "Needle through its own bead: 1 pass; lift it."
+    texts = [text.replace("\xa0", " ") for text in others]
+    assert texts[:1] == (["Bead too narrow by 20.0 %."] if is_told else [])
+    assert [f"Main cause: {first.name}, worth 15" in text for text in texts[1:]] == [True] * is_told
