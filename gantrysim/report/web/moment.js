@@ -8,7 +8,7 @@ export class Moment {
     this.data = data;
     this.output = element("output", { class: "now", "aria-live": "off" });
     this.element = element("div", {}, this.output);
-    const notes = data.ploughed.length ? ["Red line: needle in its own bead."] : [];
+    const notes = data.ploughed.length ? ["Line with an edge: the needle in its own bead."] : [];
     if (data.width) notes.push("Starts and stops of the bead are judged by their length, not by its width.");
     if (notes.length) this.element.append(element("small", {}, notes.join(" ")));
     cursor.onMove((row) => this._show(row));
