@@ -205,7 +205,8 @@ def _drive(model: mujoco.MjModel, actuator: int, name: str) -> dict[str, Any]:
         voltage = float(gain[BUS_VOLTAGE])
         if model.actuator_ctrlspec[actuator] != mujoco.mjtCtrlInput.mjINPUT_FF or voltage <= 0:
             raise InputError(
-                f'dcmotor {name!r} must have input="ff" and a bus voltage, the last number of its controller'
+                f'dcmotor {name!r} must have input="ff" and a bus voltage, the last number of its controller: '
+                f'controller="0 0 0 0 0 48" for 48 V'
             )
         return {
             "motor_constant": constant,

@@ -9,6 +9,7 @@ from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
 
 _GAP = 5.0  # of a nozzle above its work [mm]
+_TOUCHING = 1e-3  # depth up to which the nozzle stands on the work's surface [mm]
 _WEIGHTLESS = 1e-6  # share of the whole machine's weight, below which an axis' part of it is rounding
 _MOST_PAIRS = 3  # of geoms that touch, of which each has a line
 
@@ -41,6 +42,12 @@ def notes(machine: Machine) -> tuple[str, ...]:
         lines.append(
             f"machine {machine.name}: no geom of body 'work' lies below the nozzle with all axes at zero: a gap of "
             f"{machine.gap:g} mm is assumed; give 'work' a geom there"
+        )
+    elif machine.depth_in_work is not None:
+        where = f"{machine.depth_in_work:.3g} mm inside" if machine.depth_in_work > _TOUCHING else "on the surface of"
+        lines.append(
+            f"machine {machine.name}: the nozzle is {where} its work with all axes at zero: a gap of "
+            f"{machine.gap:g} mm is assumed; raise the nozzle, or lower the geom of body 'work'"
         )
     elif machine.gap > _GAP:
         lines.append(

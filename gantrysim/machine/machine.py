@@ -68,11 +68,14 @@ def model_file(model: str | Path) -> Path:
 # The nozzle as the model shows it: height above the work, size of the needle.
 
 _MM = 1e3
+_CLEAR = 1e-6  # below the nozzle, where the ray upwards begins [m]
 _ROUND = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
 
 
 def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
     """Return the height of the nozzle above the work at the model's reference, None if none of it lies below [mm].
+
+    It is 0 or less for a nozzle that touches a geom of the work or is inside of it.
 
     Args:
         model: the compiled model, with its visual elements.
@@ -82,17 +85,26 @@ def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
     data = mujoco.MjData(model)
     with quiet():
         mujoco.mj_forward(model, data)
-    geom = np.full(1, -1, np.int32)
     up = data.xmat[work].reshape(3, 3)[:, 2]
     above = data.xpos[work] + up * (up @ (data.site_xpos[nozzle] - data.xpos[work]))
-    distance = mujoco.mj_ray(model, data, above, -up, None, 1, int(model.site_bodyid[nozzle]), geom, None)
-    if geom[0] < 0:
+
+    def hit(begin: Floats, direction: Floats) -> tuple[int, float]:
+        """Return the first geom along a ray, -1 for none, and its distance [m]."""
+        geom = np.full(1, -1, np.int32)
+        distance = mujoco.mj_ray(model, data, begin, direction, None, 1, int(model.site_bodyid[nozzle]), geom, None)
+        return int(geom[0]), float(distance)
+
+    below, distance = hit(above, -up)
+    if below < 0:
         return None
-    hit = int(model.geom_bodyid[geom[0]])
+    body = int(model.geom_bodyid[below])
     weld = model.body_weldid
     # a work that is a mere frame has the geoms of the body that it is part of
-    on_work = hit == work or (model.body_geomnum[work] == 0 and weld[hit] == weld[work])
-    return _MM * float(distance) if on_work else None
+    if body != work and (model.body_geomnum[work] > 0 or weld[body] != weld[work]):
+        return None
+    # A geom on both sides has the nozzle inside. One that stands on a surface may miss it.
+    over, depth = hit(above - _CLEAR * up, up)
+    return _MM * (_CLEAR - depth) if over == below else _MM * distance
 
 
 def needle_size(model: mujoco.MjModel, nozzle: int, name: str) -> tuple[float, float] | None:
@@ -251,12 +263,18 @@ class Machine:
     @property
     def gap(self) -> float:
         """Height of the nozzle above the work piece with all axes at zero, without perturbations [mm]."""
-        return _DEFAULT_GAP if self._height is None else self._height
+        return self._height if self._height is not None and self.depth_in_work is None else _DEFAULT_GAP
 
     @property
     def over_work(self) -> bool:
         """Whether a geom of the work lies below the nozzle, with all axes at zero."""
         return self._height is not None
+
+    @property
+    def depth_in_work(self) -> float | None:
+        """Depth of the nozzle in the geom of the work that it touches with all axes at zero; None above it [mm]."""
+        height = self._height
+        return max(-height, 0.0) if height is not None and height <= _MM * _CLEAR else None
 
     @cached_property
     def _height(self) -> float | None:

@@ -125,3 +125,22 @@ def test_contacts_at_rest_and_a_nozzle_without_work_are_noted(file):
     assert "no geom of body 'work' lies below the nozzle" in none
     for name in ("xy", "xyzr", "stage", "delta"):
         assert notes(Machine(name)) == ()
+
+
+@pytest.mark.parametrize(
+    ("middle", "where"), [(-0.01, "on the surface of"), (-0.005, "5 mm inside"), (0.002, "12 mm inside")]
+)
+def test_a_nozzle_on_or_in_its_work_is_not_as_far_above_it_as_the_work_is_thick(file, middle, where):
+    """A plate 20 mm thick: from its surface, or from inside, the next face below is its lower one."""
+    file.write_text(MACHINE.replace('pos="0 0 -0.0105"', f'pos="0 0 {middle}"'))
+    machine = Machine(file, NAMES)
+    assert machine.gap == 0.5
+    text, _ = notes(machine)
+    assert f"the nozzle is {where} its work with all axes at zero: a gap of 0.5 mm is assumed" in text
+
+
+def test_a_nozzle_a_hundredth_above_its_work_keeps_that_gap(file):
+    file.write_text(MACHINE.replace('pos="0 0 -0.0105"', 'pos="0 0 -0.01001"'))
+    machine = Machine(file, NAMES)
+    assert machine.gap == pytest.approx(0.01)
+    assert len(notes(machine)) == 1
