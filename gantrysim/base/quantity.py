@@ -28,6 +28,7 @@ _NO_BREAK = re.compile(
     r"|(?<=\bline) (?=\d)"
 )
 
+_LARGEST_PLAIN = 1e7  # from which on a number is shown with a power of ten
 AXIS = "{axis}"  # stands for the name of an axis in a template
 
 _ASCII = str.maketrans({"µ": "u", "²": "2", "³": "3", "·": "", "/": "_"})
@@ -220,15 +221,17 @@ def numbers_of(quantities: Iterable[Quantity[Any]]) -> Iterator[Quantity[Any]]:
 def number_text(value: float | None, form: str) -> str:
     """Return a number in a format; what rounds to zero is 0, what is missing or not a number a dash.
 
-    An infinite number is shown by its symbol. This is the one rule for signs: whatever is read, in a terminal, on a
-    page or in a notebook, has a minus sign; what is pasted or read by a program, and input that an error quotes, a
-    hyphen.
+    An infinite number is shown by its symbol, one below ten million without a power of ten. This is the one rule for
+    signs: whatever is read, in a terminal, on a page or in a notebook, has a minus sign; what is pasted or read by a
+    program, and input that an error quotes, a hyphen.
     """
     if value is None or math.isnan(value):
         return NOTHING
     if math.isinf(value):
         return "∞" if value > 0 else f"{MINUS}∞"
     text = format(value, form)
+    if "e+" in text and abs(value) < _LARGEST_PLAIN:
+        text = f"{float(text):.0f}"
     return with_minus(text) if float(text.replace(",", "")) else "0"
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 
 from rich.table import Table
 
+from gantrysim.base.quantity import number_text
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.sizing import AxisSizing, Mode, Sizing
 
@@ -66,7 +67,7 @@ def sizing_table(machine: Machine, sizing: Sizing, period: float) -> Table:
 
 
 def _number(value: float) -> str:
-    return f"{value:.4g}" if math.isfinite(value) else "–"
+    return number_text(value if math.isfinite(value) else None, ".4g")
 
 
 def _modes(modes: Iterable[Mode]) -> str:

@@ -60,6 +60,12 @@ def notes(machine: Machine) -> tuple[str, ...]:
             f"machine {machine.name}: no dry friction on {', '.join(slippery)}: errors at reversals and the torque "
             "that friction takes are 0; give guides.friction in a table, frictionloss or dcmotor's friction in an MJCF"
         )
+    rotors = [axis.name for a, axis in enumerate(machine.axes) if _lacks_rotor(model, a)]
+    if rotors:
+        lines.append(
+            f"machine {machine.name}: no rotor inertia on {', '.join(rotors)}: the motors accelerate the load alone, "
+            "too fast; give the dcmotor its armature, in kg·m²"
+        )
     return tuple(lines)
 
 
@@ -76,6 +82,25 @@ def joint_friction(model: mujoco.MjModel, actuator: int) -> float:
         return 0.0
     dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
     return float(model.dof_frictionloss[dof] / abs(model.actuator_gear[actuator, 0]))
+
+
+def shaft_inertia(model: mujoco.MjModel, actuator: int) -> float:
+    """Return the inertia at the motor's shaft that the MJCF gives an actuator and, reflected, its joint [kg·m²]."""
+    at_shaft = float(model.actuator_armature[actuator])
+    if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_JOINT:
+        return at_shaft
+    dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
+    return at_shaft + float(model.dof_armature[dof] / model.actuator_gear[actuator, 0] ** 2)
+
+
+def _lacks_rotor(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether a DC motor drives a slide without any inertia of its own; a hinge may itself be the rotor."""
+    if model.actuator_gaintype[actuator] != mujoco.mjtGain.mjGAIN_DCMOTOR:
+        return False
+    joint = model.actuator_trnid[actuator, 0]
+    is_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+    slides = is_joint and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+    return bool(slides) and shaft_inertia(model, actuator) == 0
 
 
 def weights(machine: Machine) -> dict[str, float]:

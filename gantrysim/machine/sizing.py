@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from gantrysim.machine.axis import PER_SI, Axis, fact
-from gantrysim.machine.checks import joint_friction, weights
+from gantrysim.machine.checks import joint_friction, shaft_inertia, weights
 from gantrysim.machine.design.build import modes
 from gantrysim.machine.design.library import Winding, largest_torque
 from gantrysim.machine.machine import Machine
@@ -173,7 +173,7 @@ def _axis_sizing(
     efficiency = fact(model, "efficiency", a, 1.0)
     continuous = fact(model, "continuous_torque", a)
     inertia = axis.inertia * axis.scale
-    rotor_inertia = fact(model, "rotor_inertia", a, _armature(model, a))
+    rotor_inertia = fact(model, "rotor_inertia", a, shaft_inertia(model, a))
     dry = axis.coulomb + joint_friction(model, a)
     held = abs(axis.constant_torque - weight)
     speed = axis.speed_limit / axis.scale
@@ -204,15 +204,6 @@ def _axis_sizing(
         peak=math.nan if torque is None else float(np.abs(torque).max()),
         continuous_torque=continuous,
     )
-
-
-def _armature(model: mujoco.MjModel, a: int) -> float:
-    """Return the inertia at the motor's shaft that the MJCF gives an actuator and, reflected, its joint [kg·m²]."""
-    at_shaft = float(model.actuator_armature[a])
-    if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT:
-        return at_shaft
-    dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
-    return at_shaft + float(model.dof_armature[dof] / model.actuator_gear[a, 0] ** 2)
 
 
 def _drag_at_speed(axis: Axis, dry: float, weight: float) -> float:

@@ -157,3 +157,11 @@ def test_a_sentence_has_no_space_at_which_a_number_parts_from_its_unit():
     kept = "9.9_µm at x_=_−3.8, y_=_4.0_mm, line_12, ×_4, 2 sides, 100_mm/s, 15.2 →_2.0_%, 3 minutes"
     assert joined(text, "_") == kept
     assert joined("9.9 µm") == "9.9\N{NO-BREAK SPACE}µm"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(11309.7, "11310"), (-9.4214e6, "−9421000"), (9.9996e6, "10000000"), (3.2e-5, "3.2e-05"), (2e7, "2e+07")],
+)
+def test_numbers_that_people_read_have_no_power_of_ten(value, text):
+    assert number_text(value, ".4g") == text

@@ -144,3 +144,20 @@ def test_a_nozzle_a_hundredth_above_its_work_keeps_that_gap(file):
     machine = Machine(file, NAMES)
     assert machine.gap == pytest.approx(0.01)
     assert len(notes(machine)) == 1
+
+
+@pytest.mark.parametrize(("rotor", "is_noted"), [("", True), (' armature="2e-5"', False)])
+def test_a_dc_motor_without_a_rotor_is_noted(tmp_path, rotor, is_noted):
+    """With a rotor of J the load of m on a screw of gear g is accelerated by a = g T / (m + g² J)."""
+    motor = f'input="ff" controller="0 0 0 0 0 48" motorconst="0.1" resistance="1" gear="1000"{rotor}'
+    work = '<body name="work"><geom type="box" pos="0 0 -0.0105" size="0.1 0.1 0.01" contype="0"/></body>'
+    (tmp_path / "slide.xml").write_text(
+        f"""<mujoco><worldbody>{work}
+        <body><joint name="x" type="slide" axis="1 0 0" range="-0.1 0.1" frictionloss="2"/><site name="nozzle"/>
+        <geom type="box" pos="0 0 0.1" size="0.02 0.02 0.02" mass="3" contype="0"/></body></worldbody>
+        <actuator><dcmotor name="x" joint="x" {motor}/></actuator></mujoco>"""
+    )
+    machine = Machine(tmp_path / "slide.xml")
+    assert ["no rotor inertia on x" in text for text in notes(machine)] == [True] * is_noted
+    inertia = 3 / 1000**2 + (0.0 if is_noted else 2e-5)
+    assert machine.axes[0].inertia == pytest.approx(inertia, rel=1e-6)
