@@ -26,6 +26,7 @@ from gantrysim.report.answer import Remedy
 from gantrysim.report.document import Changes, Section, Table, lead_of
 from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.verdict import Verdict
+from gantrysim.study.acceptance import improve_command
 
 TITLE = "What to change"
 NAMES = ("before", "after")
@@ -92,8 +93,8 @@ def remedy_of(improvement: Improvement) -> Remedy:
     values = "" if GAIN_ARROW in improvement.sentence else _values(improvement)
     by_place = improvement.by_place
     if isinstance(by_place, SpeedByPlace) and by_place.outcome.duration < improvement.after.duration:
-        time = f"{time}, or {by_place.outcome.duration:.2f} s with a speed by place"
-        values = f"{values}; speed by place: gantrysim improve JOB --out FOLDER writes the program".removeprefix("; ")
+        time = f"{time}, or {by_place.outcome.duration:.2f} s with a program that is slow only where it must be"
+        values = f"{values}; {improve_command(improvement.base)} --out FOLDER writes that program".removeprefix("; ")
     outcome = f"{after.headline}{remains}; {time}"
     lines = improvement.lines
     names = f"{names_of(improvement.by_worst_value)}."

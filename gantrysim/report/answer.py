@@ -123,8 +123,8 @@ def _row(row: Row) -> AnswerRow:
     worst = row.worst_check or next(iter(row.checks), None)
     if worst is None or row.fails_without_check:
         return AnswerRow(row.state, row.symbol, row.name, row.remark)
-    others = [check.measured for check in row.checks if check is not worst and check.state == FAIL]
-    also = f"also {', '.join(others)}" if others and row.name != PATH else ""
+    others = [check.brief for check in row.checks if check is not worst and check.state == FAIL]
+    also = f"also {'; '.join(others)}" if others and row.name != PATH else ""
     if row.state == WARN:
         warns = f"below {100 / NEAR_LIMIT:g}" if worst.at_least else f"above {100 * NEAR_LIMIT:g}"
         also = f"warns {warns} % of the limit"

@@ -123,7 +123,7 @@ def glue_cause_sentences(causes: GlueCauses, check: Check | None = None) -> Iter
     yield _main_cause(
         worths, lambda value: f"{number_text(value, check.form)}{unit}", _LEAST_OF_GLUE * max(check.limit, check.value)
     )
-    if failed := [effect.cause.name for effect in causes.effects if effect.failure]:
+    if failed := [f"{effect.cause.name} ({effect.failure})" for effect in causes.effects if effect.failure]:
         yield f"Not known: {', '.join(failed)}."
 
 

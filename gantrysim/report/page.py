@@ -217,8 +217,9 @@ def viewer_page(results: RunResults) -> DrawnPage:
 def _titles(results: RunResults) -> tuple[str, str]:
     """Return title and subtitle of a run's page."""
     job = results.basis
-    period = results.budget.analysis.run.period
-    return f"{job.name} on {results.machine.name}", f"{_program_name(job)}, servo period {1e3 * period:g} ms"
+    run = results.budget.analysis.run
+    facts = f"{_program_name(job)}, {float(run.time[-1]):.2f} s, servo period {1e3 * run.period:g} ms"
+    return f"{job.name} on {results.machine.name}", facts
 
 
 def _program_name(job: Basis) -> str:

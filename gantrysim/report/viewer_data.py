@@ -268,6 +268,12 @@ class ViewerData:
         return tolerance.dot_volume if self._bead is None and self.results.dots else tolerance.bead_width
 
     @property
+    def _unjudged_ends(self) -> list[float] | None:
+        """Lengths of bead after a start and before a stop over which its width is not judged [mm]; None without any."""
+        tolerance = self.results.verdict.tolerance
+        return None if tolerance is None or self._bead is None else [tolerance.start_length, tolerance.stop_length]
+
+    @property
     def _program_text(self) -> str:
         job = self.results.basis
         if not isinstance(job, Job):
@@ -342,6 +348,7 @@ class ViewerData:
             "path_tolerance": UM * (verdict.path_limit or self._tolerance.path_max),
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": self._width_tolerance,
+            "unjudged_ends": self._unjudged_ends,
             "dots": [_dot_content(verdict, rows) for verdict in self.results.dots],
             **(space_content(self.results, self._poses) if self.in_space else {"space": None, "solids": None}),
         }

@@ -243,6 +243,8 @@ def _ploughing_remarks(ploughing: Ploughing, bead: Bead, tolerance: Tolerance) -
     if ploughing.tick is None:
         return
     passes = f"{ploughing.passes} pass{'' if ploughing.passes == 1 else 'es'}"
+    if 0 < ploughing.dry < ploughing.passes:
+        passes = f"{passes} ({ploughing.dry} in dry moves, {ploughing.passes - ploughing.dry} while it dispenses)"
     below = PLOUGHED_DEPTH.number(ploughing.depth) != "0"
     depth = f"up to {PLOUGHED_DEPTH.text(ploughing.depth)} below its top" if below else "touching its top"
     glue = f"glue, {_counted_noun(ploughing.dots, 'dot')} among it" if ploughing.dots else "bead"

@@ -82,7 +82,7 @@ def test_a_row_that_fails_names_what_else_does(job, follower):
     results = results_of(job, follower)
     vars(results)["verdict"] = Verdict((Row.of("glue", checks),))
     (row,) = Answer.of(results).rows
-    assert (row.text, row.also) == ("a 3.00 mm, at most 1.00 mm", "also b 2.00 mm")
+    assert (row.text, row.also) == ("a 3.00 mm, at most 1.00 mm", "also b 2.00 mm, at most 1.00 mm")
 
 
 def test_an_error_along_the_path_is_told_where_it_is_larger_than_the_one_across(job, follower):

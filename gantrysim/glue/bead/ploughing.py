@@ -57,6 +57,7 @@ class Ploughing:
         tick: where the face is deepest in the longest pass, while it dispenses if it does so in most of that pass; None
             without any.
         stretches: first tick of each pass and the one after its last.
+        dry: number of the passes in most of which the dispenser is off.
     """
 
     length: float = 0.0
@@ -65,6 +66,7 @@ class Ploughing:
     dots: int = 0
     tick: int | None = None
     stretches: tuple[tuple[int, int], ...] = ()
+    dry: int = 0
 
     @classmethod
     def of(cls, bead: BeadTrace, start: float, stop: float) -> Ploughing:
@@ -105,7 +107,7 @@ class Ploughing:
         lengths = [bead.length[after - 1] - bead.length[max(first - 1, 0)] for first, after in passes]
         first, after = passes[int(np.argmax(lengths))]
         dispensing = run.dispense[first - 1 : after - 1]
-        mostly = dispensing == (2 * np.count_nonzero(dispensing) > dispensing.size)
+        mostly = dispensing == _is_mostly(dispensing)
         dotted = touched & sections.is_dot
         return cls(
             length=float(np.count_nonzero(touched & ~sections.is_dot)) * bead.ds
@@ -115,7 +117,13 @@ class Ploughing:
             dots=int(np.count_nonzero(dotted)),
             tick=first + int(np.where(mostly, depth[first:after], -np.inf).argmax()),
             stretches=tuple(passes),
+            dry=sum(not _is_mostly(run.dispense[begin - 1 : end - 1]) for begin, end in passes),
         )
+
+
+def _is_mostly(dispensing: NDArray[np.bool_]) -> bool:
+    """Return whether the dispenser is on in more than half of a pass."""
+    return 2 * int(np.count_nonzero(dispensing)) > dispensing.size
 
 
 def _wet(bead: BeadTrace) -> NDArray[np.bool_]:

@@ -151,6 +151,7 @@ export class RunData {
   /** @type {string} what is worst there, in words */ worstValue;
   /** @type {Stretch[]} where the dispenser is off */ off;
   /** @type {Stretch[]} where the needle passes through its own glue */ ploughed;
+  /** @type {[number, number] | null} lengths at starts and stops over which the width is not judged [mm] */ unjudged_ends;
   /** @type {string} statistic of the path's error that its tolerance bounds */ path_statistic;
 
   /** @param {RunContent} content */

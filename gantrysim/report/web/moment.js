@@ -1,5 +1,6 @@
 // One line below the first screen's picture: where the cursor is, and what it shows there.
 
+import { digits } from "./data.js";
 import { element } from "./dom.js";
 
 export class Moment {
@@ -9,7 +10,7 @@ export class Moment {
     this.output = element("output", { class: "now", "aria-live": "off" });
     this.element = element("div", {}, this.output);
     const notes = data.ploughed.length ? ["Line with an edge: the needle in its own bead."] : [];
-    if (data.width) notes.push("Starts and stops of the bead are judged by their length, not by its width.");
+    if (data.unjudged_ends) notes.push(endsNote(data.unjudged_ends));
     if (notes.length) this.element.append(element("small", {}, notes.join(" ")));
     cursor.onMove((row) => this._show(row));
     this._show(cursor.row);
@@ -28,4 +29,10 @@ export class Moment {
     // lines end between parts only
     this.output.textContent = parts.map((part) => part.replaceAll(" ", "\u00a0")).join(" · ");
   }
+}
+
+/** Where the width of the bead is not judged. @param {[number, number]} lengths of bead after a start, and before a stop */
+function endsNote([start, stop]) {
+  const lengths = start === stop ? `${digits(stop)} mm of a start or stop` : `${digits(start)} mm of a start and ${digits(stop)} mm of a stop`;
+  return `Within ${lengths} the glue that is missing or in excess is judged, not the width.`;
 }

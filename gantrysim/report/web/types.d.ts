@@ -81,6 +81,7 @@ interface RunContent {
   path_tolerance: number;
   width: number | null;
   width_tolerance: number;
+  unjudged_ends: [number, number] | null;
   dots: DotContent[];
   space: SpaceContent | null;
   solids: Solid[][] | null;

@@ -128,6 +128,23 @@ def test_a_pass_lasts_as_long_as_the_needle_is_in_the_bead():
     assert across[after - 1] == pytest.approx(reach, abs=step)
 
 
+@pytest.mark.parametrize("wet", [False, True])
+def test_a_pass_in_a_dry_move_is_told_from_one_while_it_dispenses(wet):
+    """A bead along x, crossed at x = -20 on the way back to a stroke that crosses it at x = 20."""
+    bead = bead_of(
+        ((-40, 0, 0), False),
+        ((40, 0, 0), True),
+        ((40, 0, UP), False),
+        ((-20, 10, UP), False),
+        ((-20, 10, 0), False),
+        ((-20, -10, 0), False),
+        ((20, -10, 0), False),
+        ((20, 10, 0), wet),
+    )
+    ploughing = ploughed(bead)
+    assert (ploughing.passes, ploughing.dry) == (2, 1 if wet else 2)
+
+
 def test_a_lift_before_the_way_back_leaves_the_bead_alone():
     low = bead_of(((0, 0, 0), False), ((60, 0, 0), True), ((0, 0, 0), False))
     high = bead_of(((0, 0, 0), False), ((60, 0, 0), True), ((60, 0, UP), False), ((0, 0, UP), False))
