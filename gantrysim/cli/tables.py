@@ -185,7 +185,7 @@ def show_cause(answer: Answer, headline: str) -> None:
     cause = headline
     for row in answer.rows:
         place = f", {row.place}" if row.place else ""
-        cause = cause.removeprefix(f"{row.name.capitalize()}: {row.text}{place}.").lstrip()
+        cause = cause.removeprefix(f"{row.name.capitalize()}: {row.text}{place}.").lstrip().removeprefix("Cause: ")
     _show_rows([("error" if answer.state == PASS else "cause", cause or headline)])
 
 
