@@ -175,6 +175,33 @@ def test_the_balance_of_the_torque_is_what_a_wrong_inertia_leaves(share, wrong, 
     assert torque_balance(fit, PERIOD).change == pytest.approx((1 - wrong) * model.inertia, abs=1e-3 * model.inertia)
 
 
+def test_the_deviation_of_the_balance_is_its_scatter_under_noise_of_the_torque():
+    """The low-pass correlates white noise over several samples: taken for independent, the deviation is half of it."""
+    model = replace(
+        model_of(Machine("xy"), 0), share=0.0, coulomb=0.0, excess=0.0, viscous=0.0, lag=0.0, delay=0.0, damping=0.0
+    )
+    count = 3000
+    time = PERIOD * np.arange(count)
+    rate = 2 * np.pi * 4.0
+    position = 100.0 * time + np.sin(rate * time)
+    torque = -model.inertia * rate**2 * np.sin(rate * time)
+    rng = np.random.default_rng(3)
+    balances = []
+    for _ in range(100):
+        fit = SimpleNamespace(
+            model=model,
+            position=position,
+            torque=torque + 0.01 * rng.standard_normal(count),
+            law=SimpleNamespace(level=np.zeros(count), ripple=np.zeros(count)),
+            held=True,
+            starts=(0,),
+            directions=np.ones(count),
+        )
+        balances.append(torque_balance(fit, PERIOD))
+    changes, deviations = np.transpose(balances)
+    assert math.sqrt(np.mean(deviations**2)) == pytest.approx(np.std(changes), rel=0.25)
+
+
 @pytest.mark.soak
 def test_a_doubtful_log_is_not_identified():
     made = random_log(1, "coulomb", slip="clock drift", period=PERIOD)

@@ -134,6 +134,8 @@ def test_the_bar_has_the_links_shares_and_those_of_every_turn(budget):
     heights = np.array([[bar.get_height() for bar in bars] for bars in turns.containers])
     rms = [1e3 * turn.parts["contour"].rms for turn in budget.values.turns]
     np.testing.assert_allclose(heights.sum(axis=0), rms)  # the shares of a turn add up
+    assert [axes.get_xlabel() for axes in (whole, turns)] == ["share of the contour error's mean square [%]", "turn"]
+    assert turns.get_ylabel() == "rms [µm]"
     here = budget.turn == 1
     part = budget.parts["servo"]
     error = budget.contour
