@@ -52,6 +52,7 @@ def test_friction_of_any_law_is_found_and_named(law, seed, word):
     values = {value.name: value for value in found.values}
     assert values["inertia"].identified
     assert values["coulomb"].identified
+    assert found.fits[0].highest == pytest.approx((0.5 if made.log.held else 0.1) / PERIOD, rel=1e-12)
     assert word in "\n".join(found.notes)
 
 
@@ -63,6 +64,8 @@ def test_the_rehearsal_on_the_default_step_finds_its_own_machine():
     moves = Setpoints(PERIOD, ("y",), moves.position[ticks, 1:], moves.dispense[ticks], moves.requested)
     log = Log.of(simulate(MACHINE, Servo.derive(MACHINE.axes, PERIOD), moves))
     found = identify(MACHINE, Log(("y",), PERIOD, log.position[:, 1:], log.torque[:, 1:], held=True))
+    # of torques that are held, half the rate of the samples; of sampled ones a tenth
+    assert found.fits[0].highest == 0.5 / PERIOD
     true = model_of(MACHINE, AXIS)
     si = 1e6 / MACHINE.axes[AXIS].scale
     truth = {name: si * getattr(true, name) for name in ("inertia", "viscous", "stiffness", "damping")}
