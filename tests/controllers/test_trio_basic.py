@@ -185,6 +185,8 @@ def test_loops():
     assert printed("FOR i=1 TO 3\nPRINT i[0]\nNEXT i") == ["1", "2", "3"]
     assert printed("FOR i=1 TO 0 STEP -0.5\nPRINT i[1]\nNEXT") == ["1.0", "0.5", "0.0"]
     assert printed("FOR i=2 TO 1\nPRINT i\nNEXT i\nPRINT i[0]") == ["2"]
+    with pytest.raises(InputError, match="STEP 0: must not be 0"):
+        printed("FOR i=2 TO 1 STEP 0\nPRINT i\nNEXT i")
     assert printed("x=0\nWHILE x<2\nx=x+1\nPRINT x[0]\nWEND") == ["1", "2"]
     assert printed("x=5\nREPEAT\nx=x+1\nPRINT x[0]\nUNTIL x>2") == ["6"]
     text = "FOR i=1 TO 2: FOR j=1 TO 2: PRINT i[0];j[0]: NEXT j: NEXT i"
