@@ -156,6 +156,11 @@ def test_negative_shares_extend_to_the_other_side_of_zero():
         "encoder": (-10, -5),
         "structure": (30, 85),
     }
+    # a line at zero parts the two sides, where there are two
+    assert [list(line.get_xdata()) for line in axes.lines] == [[0, 0]]
+    only = figure.add_subplot()
+    stack_bars(only, np.zeros(1), {"program": np.array([30.0]), "servo": np.array([70.0])}, upright=False)
+    assert not only.lines
 
 
 def test_a_path_without_turns_has_the_bar_of_the_whole_alone(xy, circle):
