@@ -392,6 +392,8 @@ def test_what_an_225_misprints_runs_with_a_note():
         ("CONNECT(1,1)\nBASE(1)\nADDAX(0)", r"line 3: axis 1 would follow itself through axis 0: links must have no"),
         ("CAM(0,1,1,10)", r"line 1: cam: TABLE\(0\) must be set before$"),
         ("CAMBOX(0,0,1,10,2)", r"line 1: cam from TABLE\(0\) to TABLE\(0\): must have 2 to 32000 points$"),
+        ("CAM(0,1,1,0)", r"line 1: distance = 0: must be greater than 0$"),
+        ("MOVELINK(10,0,0,0,1)", r"line 1: link distance = 0: must be greater than 0$"),
         ("MOVELINK(1,10,1,1,2,1)", r"line 1: link options = 1: must be a sum of 2 \(from a position\)"),
         ("MOVELINK(1,10,1,1,2,2)", r"line 1: link position: must be given with link option 2, and with no other$"),
         ("MOVE(1)\nWDOG=OFF\nWA(9)", r"line 1: axis 0 is to move while WDOG = OFF: must be ON$"),
