@@ -78,12 +78,15 @@ GLUE = {"density": 1.2, "needle": (0.41, 12.7)}
 
 
 def test_the_fit_begins_at_the_flow_that_was_weighed(tmp_path):
-    """Of a glue of 1.2 g/cm³; where no density is given, as if it were that of water."""
+    """6 mg/s over the density; where widths and heights show a volume, without one."""
     file = tmp_path / "data.csv"
     file.write_text("time [s],mass [mg]\n10,60\n20,120\n5,30\n", encoding="utf-8")
-    for density, flow in ((1.2, 5.0), (None, 6.0)):
+    for density, flow in ((1.2, 5.0), (1.5, 4.0)):
         measured = read_measurements([file], density=density)
         assert [start[FLOW] for start in starts(measured)] == [pytest.approx(flow)] * len(starts(measured))
+    file.write_text("speed [mm/s],width [mm],height [mm]\n50,2,1\n50,2,1\n50,2,1\n", encoding="utf-8")
+    # a section of 0.6 times width and height
+    assert starts(read_measurements([file]))[0][FLOW] == pytest.approx(60.0)
 
 
 def test_a_newtonian_glue_has_no_other_terms(tmp_path):
