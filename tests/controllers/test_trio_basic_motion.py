@@ -306,6 +306,10 @@ def test_cancel_of_the_buffer_leaves_the_executing_move():
     assert moved("SPEED=100: MOVE(10): MOVE(10): CANCEL(1): WAIT IDLE")[-1, 0] == pytest.approx(10, abs=POSITION)
     assert moved("SPEED=100: MOVE(10): MOVE(7): WA(50): CANCEL: WAIT IDLE")[-1, 0] == pytest.approx(12, abs=POSITION)
     assert moved("SPEED=100: MOVE(10): MOVE(7): WA(50): CANCEL(2): WAIT IDLE")[-1, 0] == pytest.approx(5, abs=POSITION)
+    # a CONNECT has no speed to lose: the MOVE behind it is the executing one at once
+    types = "PRINT MTYPE[0];NTYPE[0]"
+    made = basic(f"CONNECT(1,2): MOVE(5): {types}: CANCEL: {types}: WAIT IDLE")
+    assert [line.text for line in made.printed] == ["211", "10"]
 
 
 def test_a_real_z_axis_is_told_from_a_virtual_one():
