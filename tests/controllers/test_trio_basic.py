@@ -226,6 +226,7 @@ x=8
 VR(1)=2
 """
     assert printed(program) == ["7 2.5"]
+    assert printed("TABLE(511998, 1, 2): PRINT TABLE(511999)[0]") == ["2"]
 
 
 def test_lines_continue_and_words_have_no_case():
@@ -392,6 +393,7 @@ def test_what_an_225_misprints_runs_with_a_note():
         ("CONNECT(1,1)\nBASE(1)\nADDAX(0)", r"line 3: axis 1 would follow itself through axis 0: links must have no"),
         ("CAM(0,1,1,10)", r"line 1: cam: TABLE\(0\) must be set before$"),
         ("CAMBOX(0,0,1,10,2)", r"line 1: cam from TABLE\(0\) to TABLE\(0\): must have 2 to 32000 points$"),
+        ("TABLE(511999,1,2)", r"line 1: TABLE\(512000\): must be a whole number from 0 to 511999$"),
         ("CAM(0,1,1,0)", r"line 1: distance = 0: must be greater than 0$"),
         ("MOVELINK(10,0,0,0,1)", r"line 1: link distance = 0: must be greater than 0$"),
         ("MOVELINK(1,10,1,1,2,1)", r"line 1: link options = 1: must be a sum of 2 \(from a position\)"),
