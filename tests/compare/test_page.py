@@ -1,7 +1,9 @@
 """The report of a comparison: every number and curve read back out of the page, for a difference that is known."""
 
 import dataclasses
+import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +11,9 @@ from matplotlib.figure import Figure
 from svgelements import Path as SvgPath
 
 from gantrysim import Budget, Job, Machine
+from gantrysim.compare.alignment import Alignment, alignment_words, estimate_rows
 from gantrysim.compare.comparison import Comparison
+from gantrysim.compare.estimates import Estimate
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import draw_overlay, write_comparison_page
 from gantrysim.report.plots.style import COLOURS
@@ -167,9 +171,30 @@ def test_errors_of_the_geometry_belong_to_structure_on_both_sides():
 
 def test_the_contour_error_is_drawn_with_the_limit_of_the_run(found):
     figure = Figure()
-    *_, contour, _ = draw_overlay(figure, found)
+    *links, contour, left = draw_overlay(figure, found)
+    titles = [axes.get_title(loc="right") for axes in (*links, contour, left)]
+    assert titles == [*found.parts, "contour", "measured less simulated"]
     run = found.simulated.analysis.run
     limit = 1e3 * run.basis.limits(run.face).path_max
     limits = [line.get_ydata()[0] for line in contour.lines if line.get_linestyle() == "--"]
     texts = [text.get_text() for text in contour.texts]
     assert limits == pytest.approx([limit, -limit]) or texts == [f"limit ± {limit:.3g} µm, beyond this scale"]
+
+
+def test_an_alignment_says_what_it_takes_out_and_what_it_leaves():
+    estimates = {
+        "time": Estimate(0.0125, 1e-4),
+        "nozzle x": Estimate(0.0203, 0.001),
+        "nozzle y": Estimate(0.0004, 0.001),
+        "rotation": Estimate(0.0, math.inf),
+    }
+    offsets = {"nozzle": np.array([0.0203, 0.0, 0.0])}
+    alignment = Alignment("nozzle", "path", np.zeros(3), 0.0125, offsets, 0.0, 0.0035, estimates, noise=2e-4)
+    run = SimpleNamespace(axes=("x", "y"), units=("mm", "mm"))
+    assert alignment_words(alignment, run) == (
+        "Aligned at equal places of the path, by nozzle: the trace's time is +0.012500 s against the run's. "
+        "Taken out: nozzle offset x +20.3 ± 1 µm. Not distinguished from zero, so not taken out: nozzle offset y "
+        "+0.4 ± 1 µm; rotation, which the path does not show. Rms left across the path: 3.50 µm; noise of the "
+        "samples: 0.20 µm."
+    )
+    assert [row[-1] for row in estimate_rows(alignment, run)] == ["yes", "yes", "no", "no"]

@@ -2,8 +2,10 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
+from matplotlib.figure import Figure
 
 from gantrysim import Verdict
 from gantrysim.base.quantity import Quantity
@@ -17,6 +19,7 @@ from gantrysim.compare.runs.differences import (
     differences_of,
     with_share,
 )
+from gantrysim.compare.runs.overlays import draw_limit_use
 from gantrysim.results.checks import FAIL, Check, Row
 
 from support.compared import TEXT, circle_job, recorded
@@ -240,3 +243,11 @@ def test_none_is_better_where_the_checks_that_both_judge_are_the_same():
         "none judged (no path). Their jobs, machines and servos do not differ."
     )
     assert said(["a", "b", "c"], [verdict_of(rms=0.5)] * 3, same=True).startswith("a, b and c are the same: no value")
+
+
+def test_bars_of_a_limit_s_use_are_cut_beyond_two_and_a_half_limits_and_keep_their_numbers():
+    verdicts = [verdict_of(rms=0.5), verdict_of(rms=2.4), verdict_of(rms=9.0)]
+    axes = draw_limit_use(Figure(), SimpleNamespace(names=("a", "b", "c"), verdicts=verdicts))
+    assert [bars[0].get_width() for bars in axes.containers] == pytest.approx([50, 240, 250])
+    assert [text.get_text() for text in axes.texts] == ["50", "240", "900"]
+    assert 100 in [line.get_xdata()[0] for line in axes.lines]

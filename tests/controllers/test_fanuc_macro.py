@@ -166,6 +166,10 @@ def test_stops_at_short_motions_are_noted_with_their_remedy():
     assert stopping.notes[0].startswith(
         "100 stops at corners after motions too short to reach their feed, 0.141 mm long"
     )
+    # from rest to 100 mm/s and back takes 10 mm
+    (alone,) = Program("G01 F6000\nX3 Y4\nX500", acceleration=1000.0).notes
+    assert alone.startswith("1 stops at corners after motions too short to reach their feed, 5 mm long")
+    assert Program("G01 F6000\nX6 Y8.1\nX500", acceleration=1000.0).notes == ()
     assert Program(text, acceleration=1000.0, blend_time=0.05).notes == ()
     assert Program("G01 X500 F6000\nY500", acceleration=1000.0).notes == ()
     assert Program("G61 " + text, acceleration=1000.0).notes == ()

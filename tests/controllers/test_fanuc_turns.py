@@ -120,6 +120,10 @@ def test_rounded_corners_are_tangent_to_both_motions(plane, text):
             "G02 X30 R20 F600,C2\nG01 Y9",
             "050 CHF/CNR NOT ALLOWED IN THIS BLOCK in block 1 .*chamfer must be between two",
         ),
+        (
+            "G01 X30 F600,C2\nG02 X50 Y20 R20",
+            "050 CHF/CNR NOT ALLOWED IN THIS BLOCK in block 1 .*chamfer must be between two",
+        ),
         ("G01 X30 F600,Q5\nY9", "009 ILLEGAL ADDRESS INPUT in block 1 .*a comma must stand before R or C"),
         ("G01 X#1 F600,Q5\nY9", "009 ILLEGAL ADDRESS INPUT in block 1 .*a comma must stand before R or C"),
         ("G01 X30 F600,R-5\nY9", "009 ILLEGAL ADDRESS INPUT in block 1 .*,R = -5 mm: must be at least 0 mm"),

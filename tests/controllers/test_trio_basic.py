@@ -185,6 +185,8 @@ def test_loops():
     assert printed("FOR i=1 TO 3\nPRINT i[0]\nNEXT i") == ["1", "2", "3"]
     assert printed("FOR i=1 TO 0 STEP -0.5\nPRINT i[1]\nNEXT") == ["1.0", "0.5", "0.0"]
     assert printed("FOR i=2 TO 1\nPRINT i\nNEXT i\nPRINT i[0]") == ["2"]
+    with pytest.raises(InputError, match="STEP 0: must not be 0"):
+        printed("FOR i=2 TO 1 STEP 0\nPRINT i\nNEXT i")
     assert printed("x=0\nWHILE x<2\nx=x+1\nPRINT x[0]\nWEND") == ["1", "2"]
     assert printed("x=5\nREPEAT\nx=x+1\nPRINT x[0]\nUNTIL x>2") == ["6"]
     text = "FOR i=1 TO 2: FOR j=1 TO 2: PRINT i[0];j[0]: NEXT j: NEXT i"
@@ -224,6 +226,7 @@ x=8
 VR(1)=2
 """
     assert printed(program) == ["7 2.5"]
+    assert printed("TABLE(511998, 1, 2): PRINT TABLE(511999)[0]") == ["2"]
 
 
 def test_lines_continue_and_words_have_no_case():
@@ -390,6 +393,9 @@ def test_what_an_225_misprints_runs_with_a_note():
         ("CONNECT(1,1)\nBASE(1)\nADDAX(0)", r"line 3: axis 1 would follow itself through axis 0: links must have no"),
         ("CAM(0,1,1,10)", r"line 1: cam: TABLE\(0\) must be set before$"),
         ("CAMBOX(0,0,1,10,2)", r"line 1: cam from TABLE\(0\) to TABLE\(0\): must have 2 to 32000 points$"),
+        ("TABLE(511999,1,2)", r"line 1: TABLE\(512000\): must be a whole number from 0 to 511999$"),
+        ("CAM(0,1,1,0)", r"line 1: distance = 0: must be greater than 0$"),
+        ("MOVELINK(10,0,0,0,1)", r"line 1: link distance = 0: must be greater than 0$"),
         ("MOVELINK(1,10,1,1,2,1)", r"line 1: link options = 1: must be a sum of 2 \(from a position\)"),
         ("MOVELINK(1,10,1,1,2,2)", r"line 1: link position: must be given with link option 2, and with no other$"),
         ("MOVE(1)\nWDOG=OFF\nWA(9)", r"line 1: axis 0 is to move while WDOG = OFF: must be ON$"),

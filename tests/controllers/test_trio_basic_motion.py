@@ -302,10 +302,28 @@ def test_virtual_axes_need_no_drive():
     assert moved(text)[-1, 0] == pytest.approx(1, abs=POSITION)
 
 
+def test_what_remains_of_a_move_and_where_it_ends():
+    """Of a FORWARD, which has no end, nothing remains, and its end is where the axis is."""
+    shown = 'PRINT REMAIN[4];" ";DPOS[4];" ";ENDMOVE[4]'
+    moves = f"MOVE(3): WAIT IDLE: MOVE(10): WA(50): {shown}: WAIT IDLE"
+    text = f"SPEED=100: {moves}: {shown}: FORWARD: WA(50): {shown}: CANCEL"
+    moving, ended, endless = ([float(word) for word in line.text.split()] for line in basic(text).printed)
+    remaining, position, end = moving
+    assert 0 < remaining < 10
+    assert (remaining + position, end) == pytest.approx((13, 13), abs=2e-4)
+    assert ended == [0, 13, 13]
+    assert endless[0] == 0
+    assert endless[2] == endless[1] > 13
+
+
 def test_cancel_of_the_buffer_leaves_the_executing_move():
     assert moved("SPEED=100: MOVE(10): MOVE(10): CANCEL(1): WAIT IDLE")[-1, 0] == pytest.approx(10, abs=POSITION)
     assert moved("SPEED=100: MOVE(10): MOVE(7): WA(50): CANCEL: WAIT IDLE")[-1, 0] == pytest.approx(12, abs=POSITION)
     assert moved("SPEED=100: MOVE(10): MOVE(7): WA(50): CANCEL(2): WAIT IDLE")[-1, 0] == pytest.approx(5, abs=POSITION)
+    # a CONNECT has no speed to lose: the MOVE behind it is the executing one at once
+    types = "PRINT MTYPE[0];NTYPE[0]"
+    made = basic(f"CONNECT(1,2): MOVE(5): {types}: CANCEL: {types}: WAIT IDLE")
+    assert [line.text for line in made.printed] == ["211", "10"]
 
 
 def test_a_real_z_axis_is_told_from_a_virtual_one():

@@ -15,6 +15,7 @@ from gantrysim.machine.row import IN_MODEL, MISSED, NOT_IN_MODEL
 from gantrysim.machine.travel import has_no_constraints_but_stops
 from gantrysim.record.setpoints import Setpoints
 
+from support.own_laws import lagged_pid
 from support.runs import PERIOD, ramp
 
 RECORDED = ("encoder", "motor", "nozzle", "demand", "current", "voltage")
@@ -102,6 +103,21 @@ def test_a_saved_moment_beside_a_stop_goes_on_with_it(xy):
     moment = batch.moment(0)
     batch.advance([0])
     batch.resume(1, Simulation.of(xy, servo, setpoints), moment)
+    batch.advance([1])
+    assert_equal(batch.runs[1].record(), batch.runs[0].record())
+
+
+@pytest.mark.parametrize("name", [*SERVOS, "a user's law with a state"])
+def test_a_saved_moment_goes_on_with_the_state_of_drives_and_laws(xy, name):
+    """In motion, where errors of the last ticks, an integral and a lag are what the next torque depends on."""
+    derived = Servo.derive(xy.axes, PERIOD, **SERVOS.get(name, {"law": "pd", "notch_frequency": 0.0}))
+    servo = derived if name in SERVOS else derived.with_values(law=(lagged_pid,))
+    batch = MuJoCoPlaces(xy, 2)
+    batch.load({0: Simulation.of(xy, servo, ramp(50.0))})
+    batch.advance([0], steps=150)
+    moment = batch.moment(0)
+    batch.advance([0])
+    batch.resume(1, Simulation.of(xy, servo, ramp(50.0)), moment)
     batch.advance([1])
     assert_equal(batch.runs[1].record(), batch.runs[0].record())
 

@@ -14,7 +14,9 @@ from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.dispenser.advice import _weighings
 from gantrysim.identify.dispenser.identification import identify_dispenser
 from gantrysim.identify.dispenser.measurements import needle_of, read_measurements
+from gantrysim.identify.dispenser.model import FLOW
 from gantrysim.identify.dispenser.output import tables_text
+from gantrysim.identify.dispenser.start import starts
 
 from support.dispensers import FLUIDS, KINDS, Fluid, bead_width, dispenser_data, tube_flow
 from support.soaked import suite_runs
@@ -73,6 +75,18 @@ def weighings(fluid, pressures, share=0.004, time=30.0, bore=0.41, length=12.7):
 
 PRESSURES = (60.0, 100.0, 150.0, 220.0, 300.0, 400.0, 550.0, 700.0)
 GLUE = {"density": 1.2, "needle": (0.41, 12.7)}
+
+
+def test_the_fit_begins_at_the_flow_that_was_weighed(tmp_path):
+    """6 mg/s over the density; where widths and heights show a volume, without one."""
+    file = tmp_path / "data.csv"
+    file.write_text("time [s],mass [mg]\n10,60\n20,120\n5,30\n", encoding="utf-8")
+    for density, flow in ((1.2, 5.0), (1.5, 4.0)):
+        measured = read_measurements([file], density=density)
+        assert [start[FLOW] for start in starts(measured)] == [pytest.approx(flow)] * len(starts(measured))
+    file.write_text("speed [mm/s],width [mm],height [mm]\n50,2,1\n50,2,1\n50,2,1\n", encoding="utf-8")
+    # a section of 0.6 times width and height
+    assert starts(read_measurements([file]))[0][FLOW] == pytest.approx(60.0)
 
 
 def test_a_newtonian_glue_has_no_other_terms(tmp_path):

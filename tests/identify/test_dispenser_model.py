@@ -67,6 +67,19 @@ def test_a_pump_that_turns_lays_what_its_slip_leaves():
     assert flow[-50:] == pytest.approx(25.0 * conductance / (conductance + 0.05), rel=1e-3)
 
 
+@pytest.mark.parametrize("rising", [0.0, 0.004])
+def test_a_pump_on_a_rigid_line_lays_what_it_displaces_from_the_middle_between_two_rows(rising):
+    on = (TIME > 0.5) & (TIME < 1.0)
+    sizes = {"bore": np.full(TIME.size, 0.84), "length": np.full(TIME.size, 12.0)}
+    record = experiment(RECORD, time=TIME, pump_speed=0.5 * on, mass=np.zeros(TIME.size), **sizes)
+    values = {CONSISTENCY: 8.0, INDEX: 1.0, YIELD: 0.0, DISPLACEMENT: 50.0, LEAK: 0.0, PUMP_COMPLIANCE: 1e-5}
+    mass = Model(measured("volumetric", record)).predict(values | {RISING: rising}, record)["mass"]
+    starts = TIME[on][0] - 0.5 * STEP + rising
+    stops = TIME[on][-1] + 0.5 * STEP + rising
+    # less than what flows in a tenth of a row's time
+    np.testing.assert_allclose(mass, DENSITY * 25.0 * np.clip(TIME - starts, 0.0, stops - starts), atol=0.03)
+
+
 def test_a_mass_is_a_speed_in_the_needle_by_its_density():
     """4 m/s of solder paste weigh as much as 16 m/s of a glue of 1 g/cm³, which no needle has."""
     pressure = np.array([100.0, 200.0, 300.0, 400.0])

@@ -52,6 +52,7 @@ def test_friction_of_any_law_is_found_and_named(law, seed, word):
     values = {value.name: value for value in found.values}
     assert values["inertia"].identified
     assert values["coulomb"].identified
+    assert found.fits[0].highest == pytest.approx((0.5 if made.log.held else 0.1) / PERIOD, rel=1e-12)
     assert word in "\n".join(found.notes)
 
 
@@ -63,6 +64,8 @@ def test_the_rehearsal_on_the_default_step_finds_its_own_machine():
     moves = Setpoints(PERIOD, ("y",), moves.position[ticks, 1:], moves.dispense[ticks], moves.requested)
     log = Log.of(simulate(MACHINE, Servo.derive(MACHINE.axes, PERIOD), moves))
     found = identify(MACHINE, Log(("y",), PERIOD, log.position[:, 1:], log.torque[:, 1:], held=True))
+    # of torques that are held, half the rate of the samples; of sampled ones a tenth
+    assert found.fits[0].highest == 0.5 / PERIOD
     true = model_of(MACHINE, AXIS)
     si = 1e6 / MACHINE.axes[AXIS].scale
     truth = {name: si * getattr(true, name) for name in ("inertia", "viscous", "stiffness", "damping")}
@@ -173,6 +176,33 @@ def test_the_balance_of_the_torque_is_what_a_wrong_inertia_leaves(share, wrong, 
         directions=np.ones(count),
     )
     assert torque_balance(fit, PERIOD).change == pytest.approx((1 - wrong) * model.inertia, abs=1e-3 * model.inertia)
+
+
+def test_the_deviation_of_the_balance_is_its_scatter_under_noise_of_the_torque():
+    """The low-pass correlates white noise over several samples: taken for independent, the deviation is half of it."""
+    model = replace(
+        model_of(Machine("xy"), 0), share=0.0, coulomb=0.0, excess=0.0, viscous=0.0, lag=0.0, delay=0.0, damping=0.0
+    )
+    count = 3000
+    time = PERIOD * np.arange(count)
+    rate = 2 * np.pi * 4.0
+    position = 100.0 * time + np.sin(rate * time)
+    torque = -model.inertia * rate**2 * np.sin(rate * time)
+    rng = np.random.default_rng(3)
+    balances = []
+    for _ in range(100):
+        fit = SimpleNamespace(
+            model=model,
+            position=position,
+            torque=torque + 0.01 * rng.standard_normal(count),
+            law=SimpleNamespace(level=np.zeros(count), ripple=np.zeros(count)),
+            held=True,
+            starts=(0,),
+            directions=np.ones(count),
+        )
+        balances.append(torque_balance(fit, PERIOD))
+    changes, deviations = np.transpose(balances)
+    assert math.sqrt(np.mean(deviations**2)) == pytest.approx(np.std(changes), rel=0.25)
 
 
 @pytest.mark.soak

@@ -21,7 +21,7 @@ from gantrysim.identify.fit import AxisLog, _revised_law, fit_axis, regression
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.minimum import PredictionError
-from gantrysim.identify.model import model_of
+from gantrysim.identify.model import _mode, model_of
 from gantrysim.identify.plan import excitation
 from gantrysim.identify.prediction import Samples, innovations, kalman_gain, prediction, sampled_system
 from gantrysim.identify.torque_regression import NAMES as NAMES_OF_COLUMNS
@@ -267,6 +267,19 @@ def test_the_model_of_an_axis_is_that_of_its_mjcf(machine):
     carried = machine.physics.body_subtreemass[machine.physics.body("bridge").id]
     assert own.inertia * own.share * si == pytest.approx(carried, rel=1e-3)
     assert own.static == pytest.approx(0.0227)
+
+
+@pytest.mark.parametrize("side", ["motor", "load"])
+def test_the_mode_of_two_masses_is_theirs_where_the_motor_is_measured(side):
+    """On the load's side the mode moves against the inertia: no load behind a spring answers so."""
+    motor, load, stiffness, damping = 2e-5, 3e-5, 4.0, 1e-4
+    pull = np.array([stiffness, -stiffness, damping, -damping])
+    A = np.vstack([[0, 0, 1, 0], [0, 0, 0, 1], -pull / motor, pull / load])
+    B = np.array([[0.0], [0.0], [1 / motor], [0.0]])
+    C = np.array([[1.0, 0, 0, 0] if side == "motor" else [0, 1.0, 0, 0]])
+    axis = SimpleNamespace(motion=SimpleNamespace(A=A, B=B, C=C), lag=0.0, inertia=motor + load)
+    expected = (load / (motor + load), stiffness, damping) if side == "motor" else (0.0, 0.0, 0.0)
+    assert _mode(axis) == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
 def test_a_machine_without_bristles_has_the_friction_of_its_joint_alone():

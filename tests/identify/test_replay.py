@@ -38,8 +38,10 @@ def test_a_run_repeats_itself_to_the_last_digit(spiral):
     assert found.notes == ()
     assert np.array_equal(found.run.encoder, spiral.encoder)
     for axis in "xy":
-        for quantity in ("following", "torque"):
+        for quantity, values in (("following", found.following), ("torque", found.torque)):
             sizes = found.compared(axis, quantity)
+            without = values(axis) - values(axis, found.frictionless)
+            assert sizes["all"].frictionless.rms == pytest.approx(np.sqrt(np.mean(without**2)), rel=1e-9)
             assert sizes["all"].difference.max == 0
             assert sizes["all"].frictionless.rms > 0.3 * sizes["all"].measured.rms
             assert sizes["all"].rows == sizes["reversals"].rows + sizes["elsewhere"].rows

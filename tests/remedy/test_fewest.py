@@ -225,6 +225,12 @@ def test_a_motion_fails_as_its_verdict_says(changes):
         np.testing.assert_array_equal(judged.motion.run.nozzle, motion.run.nozzle)
 
 
+def test_a_job_that_is_refused_has_no_motion_whose_failure_counts():
+    """An unstable servo: as a trial, its outcome tells why; simulated, it would fail as a path that is left does."""
+    refused = judged_motion(lines_job(SIDES, servo={"kp": 100.0, "kd": 0.0}))
+    assert (refused.fails, refused.motion) == (False, None)
+
+
 @pytest.mark.parametrize("share", [0.5, 0.98, 1.02, 2.0])
 def test_a_run_ends_early_only_beyond_the_limit_of_its_path(share):
     """The limit is a share of the largest distance in the whole run, which a part of the run has already."""

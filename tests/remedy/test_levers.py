@@ -11,7 +11,7 @@ from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.remedy.improvement import bound_of, controller_words
-from gantrysim.remedy.lever import State
+from gantrysim.remedy.lever import State, scaled_numbers
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.levers.dispenser import compensations
 from gantrysim.remedy.levers.program import ACCELERATION, CORNERS, SLOWER, speed_changes
@@ -472,3 +472,8 @@ def test_corners_rounded_as_far_as_lines_reach_get_a_tolerance():
 )
 def test_a_cost_goes_with_the_direction_of_a_factor(lever, label, cost):
     assert lever.cost_of(label) == cost
+
+
+def test_limits_of_all_axes_are_scaled_one_by_one():
+    assert scaled_numbers([200.0, (50, 80.0)], 2.0) == [400.0, [100.0, 160.0]]
+    assert scaled_numbers([200.0, None], 2.0) is scaled_numbers(True, 2.0) is scaled_numbers("fast", 2.0) is None

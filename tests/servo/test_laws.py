@@ -291,3 +291,23 @@ def test_the_error_across_the_path_is_what_is_left_without_the_part_along_it():
     assert tangent == pytest.approx([0.6, 0.8, 0.0], rel=EXACT)  # at rest, that of the last motion
     tangents(np.array([0.0, -2.0, 0.0]), linear, tangent, 3)
     assert tangent == pytest.approx([0.0, -1.0, 0.0], abs=EXACT)
+
+
+def test_laws_that_invert_the_machine_have_its_motion_and_no_others_need_it():
+    """A machine without a linear motion, as with a delay in its actuators, has all other laws."""
+    axes = Machine("xy").axes
+    delayed = [dataclasses.replace(axis, motion=None) for axis in axes]
+    for law in ADDITIONS:
+        inverts = law in ("preview", "learning")
+        assert bool(Servo.derive(axes, law=["pid", law]).laws.motions) == inverts
+        if inverts:
+            with pytest.raises(InputError, match=law):
+                Servo.derive(delayed, law=["pid", law], frequency=20.0)
+        else:
+            # a shaper's frequency is else that of the motion's mode
+            known = {"shaper_frequency": 50.0} if law in ("zv", "zvd") else {}
+            assert law in Servo.derive(delayed, law=["pid", law], frequency=20.0, **known).laws.names
+    servo = Servo.derive(axes, law=["pid", "preview"])
+    bare = dataclasses.replace(servo.laws, motions=())
+    with pytest.raises(InputError, match=r"^laws 'preview' and 'learning' need motions"):
+        dataclasses.replace(servo, laws=bare)

@@ -125,6 +125,9 @@ BAD = {
     "gain": ({"kd": math.inf}, "kd = inf: must be finite"),
     "torque": ({"torque_limit": 0.0}, "torque_limit = 0: must be greater than 0"),
     "encoder": ({"resolution": -1e-3}, "encoder resolution = -0.001 mm: must be at least 0 mm"),
+    # a current loop faster than the physics, and a seed that a table's number does not hold exactly
+    "current loop": ({"current_bandwidth": 1.01e5}, "current_bandwidth = 101000: must be 0 to 100000"),
+    "seed": ({"encoder_seed": 2**54}, r"encoder_seed = 1\.80144e\+16: must be at most 9\.0072e\+15"),
     "following": ({"following_error_limit": -1.0}, "following_error_limit = -1: must be greater than 0"),
 }
 
@@ -148,6 +151,8 @@ def test_values_are_converted_and_lists_are_checked_as_tuples_are():
     servo = Servo.derive([Plant()], kp=np.int64(2), resolution=np.float32(0.5))
     assert servo.per_axis("kp") == (2.0,)
     assert isinstance(servo.gains[0].kp, float)
+    widest = servo.with_values(current_bandwidth=1e5, encoder_seed=2**53)
+    assert (widest.per_axis("current_bandwidth"), widest.encoder_seed) == ((1e5,), 2**53)
     with pytest.raises(InputError, match="kd = nan: must be finite"):
         servo.with_values(kd=[math.nan])
     with pytest.raises(InputError, match="ki has 2 values: must be one or 1, one per axis"):

@@ -145,6 +145,10 @@ def test_every_value_of_a_known_pair_of_circles_is_shown_where_it_belongs(waved)
         "largest, +37.0 µm",
         "limit ± 82 µm",
     ]
+    (largest,) = (line for line in waved.plots[0].figure.axes[0].lines if line.get_label().startswith("largest"))
+    assert largest.get_ydata() == pytest.approx([37], abs=0.05)
+    # of the two lobes
+    assert np.degrees(largest.get_xdata()) % 180 == pytest.approx([0])
     for panel in waved.plots[1].figure.axes[:2]:
         limits = [line.get_ydata()[0] for line in panel.lines if line.get_linestyle() == "--"]
         assert limits == pytest.approx([82, -82])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gantrysim import Job
+from gantrysim import InputError, Job
 from gantrysim.cli.show import show_section
 from gantrysim.job.causes import causes_of
 from gantrysim.machine.geometry import Geometry
@@ -59,6 +59,12 @@ def test_an_axis_positions_as_its_geometry_says(monkeypatch):
 def test_an_axis_of_ideal_geometry_positions_exactly():
     found = positioning(frictionless(Geometry()), "y", [Perturbation()] * 2)
     assert max(found.reversal, found.accuracy) < SETTLED
+
+
+def test_an_axis_that_does_not_reach_its_targets_has_no_positioning():
+    job = Job.load("an225", [*SHORT, "servo.following_error_limit=0.001"])
+    with pytest.raises(InputError, match=r"^positioning of x: following error on axis x"):
+        positioning(job, "x", [Perturbation()])
 
 
 @pytest.mark.soak

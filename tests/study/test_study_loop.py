@@ -4,6 +4,7 @@ import functools
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from gantrysim.controllers.loop_theory import Deviation, LoopErrors
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.controllers.trio.theory import SpiralTheory
 from gantrysim.study import Case, run_study
+from gantrysim.study.acceptance import Acceptance, Scope
+from gantrysim.study.cases import ASPECTS
 from gantrysim.study.loop import (
     AS_IT_IS,
     LOOP_ALONE,
@@ -25,6 +28,7 @@ from gantrysim.study.loop import (
     SWEEPS,
     LoopStudy,
 )
+from gantrysim.study.loop.limits import LEVERS, SweepVerdicts, draw_limits
 from gantrysim.study.loop.plots import plots
 from gantrysim.study.loop.report import question, report
 from gantrysim.study.loop.trends import Convergence, convergence, crossing, knee, loop_knee, power
@@ -455,6 +459,19 @@ def test_a_small_study_from_end_to_end(done):
         assert (folder / "plots" / f"{sweep}.png").read_bytes().startswith(b"\x89PNG")
     report = (folder / "report.html").read_text()
     assert all(f">{title}</h2>" in report for title in SWEEPS.values())
+
+
+def test_a_run_that_fails_without_a_share_of_a_limit_stands_at_the_top_of_the_chart():
+    passing = Acceptance(dict.fromkeys(ASPECTS, "pass"), dict.fromkeys(ASPECTS, 50.0), {})
+    failing = Acceptance({**passing.states, "machine": "fail"}, {**passing.uses, "machine": None}, {})
+    study = SimpleNamespace(job=SimpleNamespace(program={"loop_period": 0.002}))
+    for judged, expected in (({0.001: passing, 0.002: failing}, [0.002]), ({0.001: passing, 0.002: passing}, None)):
+        verdicts = SweepVerdicts(LEVERS["loop_period"], judged, Scope(ASPECTS))
+        (panel,) = draw_limits(study, {"loop_period": verdicts}).axes
+        drawn = {line.get_label(): list(line.get_xdata()) for line in panel.lines}
+        assert drawn.get("fails without a share") == expected
+        assert drawn["keeps the limits"] == [value for value in judged if judged[value] is passing]
+        assert drawn["does not"] == []
 
 
 def test_the_chart_has_the_limit_and_the_jobs_own_value_beside_every_run(done):

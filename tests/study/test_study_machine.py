@@ -226,6 +226,12 @@ def test_every_value_of_known_machines_is_shown_where_it_belongs():
         assert label.get_text() == name
         assert text.get_text() == f"{round(coefficient, 2) + 0.0:+.2f}".replace("-", "−")
         assert bar.get_width() == coefficient
+        # beyond the bar's end
+        way = 1 if coefficient >= 0 else -1
+        assert way * text.get_position()[0] > way * coefficient
+        assert text.get_ha() == ("left" if coefficient >= 0 else "right")
+    # the first, which is the largest, on top
+    assert axes.yaxis_inverted()
     labels = [text.get_text() for text in report.plots[0].figure.legends[0].texts]
     assert labels == ["tolerance 60", "nominal machine 16.5"]
     assert variation.rows == [

@@ -192,7 +192,7 @@ def never(case):
 
 
 def hopeless(case):
-    return {**synthetic(case), "contour_max_um": 999.0}
+    return {**synthetic(case), "contour_max_um": 999.0 * case.settings["program.speed"] / 50}
 
 
 def test_the_report_where_no_speed_is_within_the_tolerance():

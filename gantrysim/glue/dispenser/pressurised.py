@@ -97,8 +97,6 @@ def _outflow(pressure: float, line: Line, law: NeedleLaw) -> float:
 def _stage(base: float, step: float, rate: float, compliance: float, line: Line, law: NeedleLaw) -> float:
     """Return x = base + step f(x), with f(x) = rate - outflow, which falls with x."""
     slope = rate - _outflow(_pressure(base, compliance), line, law)
-    if slope == 0.0:
-        return base
     other = base + step * slope
     low = min(base, other)
     high = max(base, other)

@@ -223,6 +223,11 @@ def test_where_beads_cross_the_nozzle_pushes_the_excess_aside_and_without_it_the
     corner = pushed.map.wet([[s * 0.55 * width, t * 0.55 * width] for s in (-1, 1) for t in (-1, 1)])
     assert corner.all()
     assert not free.map.wet([[0.55 * width, 0.55 * width]]).any()
+    # glue wets where it is pushed to, and under a plate all of it is as high as the gap
+    height, covered = pushed.map.height, pushed.map.covered[0]
+    assert height[covered == 0.0].sum() < 1e-5 * height.sum()
+    near = np.hypot(*np.meshgrid(pushed.map.x, pushed.map.y)) < 4.0
+    assert height[near].sum() == pytest.approx(GAP * covered[near].sum(), rel=5e-3)
 
 
 def test_where_beads_cross_under_a_needle_both_grooves_stay_open_and_the_excess_stays_near():

@@ -134,6 +134,8 @@ def test_the_bar_has_the_links_shares_and_those_of_every_turn(budget):
     heights = np.array([[bar.get_height() for bar in bars] for bars in turns.containers])
     rms = [1e3 * turn.parts["contour"].rms for turn in budget.values.turns]
     np.testing.assert_allclose(heights.sum(axis=0), rms)  # the shares of a turn add up
+    assert [axes.get_xlabel() for axes in (whole, turns)] == ["share of the contour error's mean square [%]", "turn"]
+    assert turns.get_ylabel() == "rms [µm]"
     here = budget.turn == 1
     part = budget.parts["servo"]
     error = budget.contour
@@ -154,6 +156,11 @@ def test_negative_shares_extend_to_the_other_side_of_zero():
         "encoder": (-10, -5),
         "structure": (30, 85),
     }
+    # a line at zero parts the two sides, where there are two
+    assert [list(line.get_xdata()) for line in axes.lines] == [[0, 0]]
+    only = figure.add_subplot()
+    stack_bars(only, np.zeros(1), {"program": np.array([30.0]), "servo": np.array([70.0])}, upright=False)
+    assert not only.lines
 
 
 def test_a_path_without_turns_has_the_bar_of_the_whole_alone(xy, circle):
