@@ -168,7 +168,7 @@ def test_stops_at_short_motions_are_noted_with_their_remedy():
     )
     # from rest to 100 mm/s and back takes 10 mm
     (alone,) = Program("G01 F6000\nX3 Y4\nX500", acceleration=1000.0).notes
-    assert alone.startswith("1 stops at corners after motions too short to reach their feed, 5 mm long")
+    assert alone.startswith("1 stop at a corner after motions too short to reach their feed, 5 mm long")
     assert Program("G01 F6000\nX6 Y8.1\nX500", acceleration=1000.0).notes == ()
     assert Program(text, acceleration=1000.0, blend_time=0.05).notes == ()
     assert Program("G01 X500 F6000\nY500", acceleration=1000.0).notes == ()

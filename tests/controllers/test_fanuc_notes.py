@@ -39,7 +39,9 @@ def test_an_offset_given_later_counts_from_there():
 def test_g64_that_stops_at_corners_without_a_blend_time():
     text = f"G64\n{MOVES}"
     stopping = Program(text, acceleration=2000.0)
-    assert stopping.notes == ("2 stops at corners in G64, as blend_time is 0; blend_time = 0.05 passes them.",)
+    assert stopping.notes == (
+        "2 stops at corners in G64, as blend_time is 0; blend_time = 0.05 passes without a stop.",
+    )
     assert notes(text, **SMOOTH) == ()
     assert notes(text) == ()  # without a limit of the acceleration nothing stops
     assert notes(f"{MOVES}", acceleration=2000.0) == ()
