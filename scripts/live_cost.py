@@ -15,6 +15,8 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
+from gantrysim.job.job import Job  # noqa: E402
+
 from support.browser import chromium  # noqa: E402
 
 JOBS = {
@@ -93,9 +95,10 @@ def main():
             browser.driver.get(address)
             wait(browser, "an225")
             print(
-                "| job | first answer [ms], median, 95 % | whole answer [ms], median, 95 % | bytes, first and whole |"
+                "| job | motion [s] | first answer [ms], median, 95 % | whole answer [ms], median, 95 % "
+                "| bytes, first and whole |"
             )
-            print("|---|---|---|---|")
+            print("|---|---|---|---|---|")
             for name, key in JOBS.items():
                 choice = f'{{"kind":"built-in","name":"{name}"}}'
                 browser.run(
@@ -109,7 +112,8 @@ def main():
                 first, whole = (np.percentile(rows[:, column], (50, 95)) for column in (0, 1))
                 sizes = np.median(rows[:, 2:], axis=0)
                 print(
-                    f"| {name} | {first[0]:.0f}, {first[1]:.0f} | {whole[0]:.0f}, {whole[1]:.0f} | "
+                    f"| {name} | {Job.load(name).setpoints.duration:.1f} | "
+                    f"{first[0]:.0f}, {first[1]:.0f} | {whole[0]:.0f}, {whole[1]:.0f} | "
                     f"{sizes[0]:,.0f}, {sizes[1]:,.0f} |",
                     flush=True,
                 )

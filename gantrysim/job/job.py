@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -24,6 +25,7 @@ from gantrysim.job.plan import Plan, check_fit, plan_of
 from gantrysim.job.programs import checked_setpoints
 from gantrysim.job.tolerance import Tolerance, ToleranceSettings
 from gantrysim.machine.machine import Machine
+from gantrysim.paths.path import Path
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
@@ -103,11 +105,25 @@ class Job(LoadedJob):
             held = self.dispenser.held_back(sent)
             # `start_wait` would plan the whole program once more
             self.__dict__["start_wait"] = (len(held.position) - len(sent.position)) * sent.period
-            return held.hold(settle)
+            held = held.hold(settle)
+        known = self._path_of_sibling
+        # with what has been computed of it, as its table of points
+        return replace(held, requested=known) if known is not None and known.coincides(held.requested) else held
+
+    @cached_property
+    def _path_of_sibling(self) -> Path | None:
+        """Requested path of the job with which this one shares what is the same; None for none."""
+        return None
 
     def sharing(self, other: Self) -> Self:
-        """As of `LoadedJob`, and with the setpoints where these have been computed and are the same."""
+        """As of `LoadedJob`, and with the setpoints where these have been computed and are the same.
+
+        Setpoints that are another's, as with another acceleration, still share the requested path where that is the
+        same; and what fits the machine is not checked again where only the servo is another.
+        """
         shared = super().sharing(other)
+        sent = other.__dict__.get("setpoints")
+        shared.__dict__["_path_of_sibling"] = other._path_of_sibling if sent is None else sent.requested
         is_same = (
             self.program == other.program
             and self.servo.period == other.servo.period
@@ -118,6 +134,9 @@ class Job(LoadedJob):
             for name in ("setpoints", "start_wait"):
                 if name in other.__dict__:
                     shared.__dict__[name] = other.__dict__[name]
+            fits_alike = shared.dispenser == other.dispenser and shared.bead == other.bead
+            if fits_alike and shared.built_machine is other.built_machine and "_fits" in other.__dict__:
+                shared.__dict__["_fits"] = True
         return shared
 
     @property
@@ -204,13 +223,19 @@ class Job(LoadedJob):
 
         The cells of the height map must suit the bead of a machine that follows the program exactly.
         """
+        self.check_faults()
+        assert self._fits
+
+    @cached_property
+    def _fits(self) -> bool:
+        """True, or an InputError for a program that does not fit its machine, or cells that do not suit its bead."""
         with self.locate_errors():
             check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
-        self.check_faults()
         bead = Bead(self.follow(), self.bead)
         # without glue there is no map, unless its cells are asked for
         if self.bead.cell is not None or bead.nominal_section.width[0] > 0:
             HeightMap.check(bead)
+        return True
 
     def check_faults(self) -> None:
         """Raise InputError for deliberate faults that the machine cannot have, or that begin after its end."""

@@ -176,7 +176,11 @@ def work(pipe: Connection, parent: int, allow_code: str) -> None:
             request = requests.get()
             if request.task == "end":
                 return
-            if request.number != studio.newest or request.task == "stop":
+            if request.number != studio.newest:
+                continue
+            if request.task == "stop":
+                # else nobody would know that the older request has ended, and this process would be replaced
+                send(request.number, "done", {"task": request.task})
                 continue
             send(request.number, "begun", {"task": request.task})
             try:

@@ -365,13 +365,18 @@ class Budget:
         return {name: self.values_of(part) for name, part in self.parts.items()}
 
     @cached_property
+    def lag_values(self) -> ErrorSpread:
+        """The values of the lag."""
+        return ErrorSpread.of(self.lag)
+
+    @cached_property
     def values(self) -> BudgetValues:
         """The values of the budget."""
         return BudgetValues(
             parts=self.part_values,
             corner=None if self.corner is None else self.values_of(self.corner),
             contour=self.contour_values,
-            lag=ErrorSpread.of(self.lag),
+            lag=self.lag_values,
             turns=self._turns(),
         )
 

@@ -46,6 +46,15 @@ class Path(ABC):
     def parameters(self) -> dict[str, Any]:
         """The constructor's arguments, which a record holds: numbers, texts, and lists or tables of them."""
 
+    def coincides(self, other: Path) -> bool:
+        """Return whether another path has the same class and parameters."""
+        # cheap, and seldom the same of two paths that differ
+        if type(self) is not type(other) or self.length != other.length:
+            return False
+        mine = self.parameters()
+        theirs = other.parameters()
+        return mine.keys() == theirs.keys() and all(np.array_equal(mine[name], theirs[name]) for name in mine)
+
     @property
     @abstractmethod
     def length(self) -> float:

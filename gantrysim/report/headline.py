@@ -169,7 +169,7 @@ def _portion(share: float) -> str:
 
 def _error_with_faults(budget: Budget) -> str:
     """Return the size of the contour error of a run with faults, in a sentence."""
-    contour = budget.values.contour
+    contour = budget.contour_values
     until = "" if budget.analysis.run.fault is None else " until then"
     if contour.rms < NO_ERROR:
         return f"Contour error{until}: none."
@@ -178,8 +178,7 @@ def _error_with_faults(budget: Budget) -> str:
 
 def _along(budget: Budget) -> str:
     """Return a sentence on the error along the path, where it is larger than the one normal to it."""
-    values = budget.values
-    if values.lag.max <= max(values.contour.max, NO_ERROR):
+    lag = budget.lag_values
+    if lag.max <= max(budget.contour_values.max, NO_ERROR):
         return ""
-    largest = LAG.text(values.lag.max)
-    return f" Along the path it is up to {largest} from its command, {LAG.text(values.lag.rms)} rms."
+    return f" Along the path it is up to {LAG.text(lag.max)} from its command, {LAG.text(lag.rms)} rms."

@@ -22,7 +22,7 @@ from gantrysim.servo.laws.law import Law, LawDesign, Timing
 from gantrysim.servo.laws.selection import added_laws, linear_law
 from gantrysim.servo.laws.user import LawName
 from gantrysim.servo.stability.linear_system import Compensator
-from gantrysim.servo.stability.margins import NO_LOOP, LinearLaw, Margins, Plant, UnheldLaws
+from gantrysim.servo.stability.margins import NO_LOOP, LinearLaw, Margins, Plant, UnheldLaws, plant_of
 from gantrysim.servo.stability.motion import Motion
 
 # natural frequencies that can be given [Hz]
@@ -222,8 +222,9 @@ class AxisLoop:
         self.axis = task.axes[axis]
         self.lags = task.lags.of_axes([axis])
         self._task = task
+        self._notches: dict[float, float | None] = {}
         motion = self.axis.motion
-        self._plant = None if motion is None else Plant(motion, task.period, self.lags.delay, self.lags.drives)
+        self._plant = None if motion is None else plant_of(motion, task.period, self.lags.delay, self.lags.drives)
 
     def law(self, frequency: float, mode: float) -> Compensator:
         """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
@@ -250,6 +251,12 @@ class AxisLoop:
 
     def notch_at(self, frequency: float) -> float | None:
         """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
+        # the frequency that is found, and the ones before it, are asked for again
+        if frequency not in self._notches:
+            self._notches[frequency] = self._notch_at(frequency)
+        return self._notches[frequency]
+
+    def _notch_at(self, frequency: float) -> float | None:
         if self._keeps(frequency, notch.NONE):
             return notch.NONE
         mode = self._mode(frequency)
@@ -328,7 +335,7 @@ class CoupledLoops:
         self._task = task
         self._loops = [loops[a] for a in members]
         self._drives = task.lags.drives.of_axes(members)
-        self._plant = Plant(motion, task.period, task.lags.delay, self._drives)
+        self._plant = plant_of(motion, task.period, task.lags.delay, self._drives)
 
     @classmethod
     def of(cls, task: LoopTask, loops: Sequence[AxisLoop]) -> list[CoupledLoops]:

@@ -36,7 +36,7 @@ from gantrysim.servo.notch import Notch
 from gantrysim.servo.request import Parts, ServoRequest, law_values, per_axis
 from gantrysim.servo.stability import margins as stability
 from gantrysim.servo.stability.linear_system import Compensator
-from gantrysim.servo.stability.margins import NO_LOOP, Margins, Plant, UnheldLaws
+from gantrysim.servo.stability.margins import NO_LOOP, Margins, UnheldLaws, plant_of
 from gantrysim.servo.stability.motion import MODES, Drives, Motion
 
 # Gains for every mode of the drives: of loops in the servo, in the drive, or in both.
@@ -213,7 +213,7 @@ class _Outer:
         self._task = task
         self._names = [task.axes[a].name for a in members]
         self._drives = task.lags.drives.of_axes(members)
-        self._plant = Plant(motion, task.period, task.lags.delay, self._drives)
+        self._plant = plant_of(motion, task.period, task.lags.delay, self._drives)
 
     def keep(self, kp: float) -> bool:
         """Return whether all keep their margins."""
@@ -382,6 +382,6 @@ def margins_at(axes: tuple[AxisDynamics, ...], servo: stability.LinearLaw) -> tu
             continue
         drives = servo.loop_drives.of_axes(members)
         of_members = stability.UnheldLaws(servo.period, servo.delay, tuple(laws[a] for a in members), drives)
-        plant = Plant(motion, servo.period, servo.delay, drives)
+        plant = plant_of(motion, servo.period, servo.delay, drives)
         margins_of_axes |= zip(members, plant.margins(of_members), strict=True)
     return tuple(margins_of_axes.get(a, NO_LOOP) for a in range(len(axes)))

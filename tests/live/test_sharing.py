@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from gantrysim.base.errors import InputError
+from gantrysim.job.job import Job
 from gantrysim.live.draft import Draft
 
 CHANGES = {
@@ -34,3 +36,44 @@ def test_a_servo_value_keeps_the_setpoints_and_a_lead_does_not(tmp_path):
     assert Draft("an225", values={"servo.damping": 0.8}).job(opened).sharing(opened).setpoints is first
     led = Draft("an225", values={"dispenser.start_lead": 0.4}).job(opened).sharing(opened)
     assert len(led.setpoints.position) > len(first.position)
+
+
+@pytest.mark.parametrize("name", [*CHANGES, "an225", "svg-gasket", "stage-outline"])
+def test_another_speed_keeps_the_requested_path(name, tmp_path):
+    opened = Draft(name).opened(tmp_path, allow_code=False)
+    path = opened.setpoints.requested
+    slower = Draft(name, override=80.0).job(opened).sharing(opened)
+    # the second change after the first, whose setpoints nobody has asked for
+    slowest = Draft(name, override=60.0).job(opened, slower).sharing(slower)
+    assert slowest.setpoints.requested is path
+    assert slowest.setpoints.duration > opened.setpoints.duration
+
+
+@pytest.mark.parametrize("name", ["fanuc-spiral", "linuxcnc-flanges", "svg-gasket"])
+def test_another_place_has_a_path_of_its_own(name, tmp_path):
+    opened = Draft(name).opened(tmp_path, allow_code=False)
+    path = opened.setpoints.requested
+    values = {"program.placement.x": 1.0, "program.placement.y": 2.0}
+    moved = Draft(name, values=values).job(opened).sharing(opened)
+    alone = Draft(name, values=values).job(Draft(name).opened(tmp_path, allow_code=False))
+    assert moved.setpoints.requested is not path
+    assert moved.setpoints.requested.coincides(alone.setpoints.requested)
+    assert not moved.setpoints.requested.coincides(path)
+    s = np.linspace(0, path.length, 50)
+    np.testing.assert_array_equal(moved.setpoints.requested.position(s), alone.setpoints.requested.position(s))
+
+
+def test_only_a_servo_value_takes_over_that_the_program_fits(tmp_path, monkeypatch):
+    opened = Draft("an225").opened(tmp_path, allow_code=False)
+    opened.check_fit()
+    follow = Job.follow
+    followed = []
+    monkeypatch.setattr(Job, "follow", lambda job: followed.append(job) or follow(job))
+    Draft("an225", values={"servo.damping": 0.8}).job(opened).sharing(opened).check_fit()
+    assert not followed
+    for values in ({"bead.cell": 0.004}, {"bead.cell": 5.0}):
+        with pytest.raises(InputError, match=r"^cell = "):
+            Draft("an225", values=values).job(opened).sharing(opened).check_fit()
+    fast = Draft("an225", values={"dispenser.flow": 90.0}).job(opened).sharing(opened)
+    fast.check_fit()
+    assert len(followed) == 3

@@ -8,6 +8,7 @@ import time
 import pytest
 
 from gantrysim.live.draft import Draft, Request
+from gantrysim.live.worker import PATIENCE as REPLACED_AFTER
 from gantrysim.live.worker import Worker
 
 PATIENCE = 120.0  # [s]
@@ -78,3 +79,16 @@ def test_a_stop_ends_a_request_without_an_answer(worker):
     made.ask(Request(3, "show", Draft("an225")))
     assert done(answers, 3).count("result") == 2
     assert answers.empty()
+
+
+@pytest.mark.soak
+def test_a_process_that_has_stopped_is_kept(worker):
+    made, answers = worker
+    made.ask(Request(1, "improve", Draft("an225")))
+    while answers.get(timeout=PATIENCE).kind != "progress":
+        pass
+    made.ask(Request(2, "stop"))
+    assert done(answers, 2) == ["done"]
+    first = made.process_id
+    time.sleep(1.5 * REPLACED_AFTER)
+    assert made.process_id == first

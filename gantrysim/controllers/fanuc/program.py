@@ -84,15 +84,15 @@ def _stops(legs: Sequence[PathLeg], path: Chain, acceleration: float) -> tuple[s
     short = [length for leg, length in halts if length < leg.feed**2 / acceleration]
     if short:
         return (
-            f"{_stops(len(short))} after motions too short to reach their feed, {np.median(short):.3g} mm long at the "
-            "median; blend_time = 0.05 passes without a stop.",
+            f"{_counted_stops(len(short))} after motions too short to reach their feed, {np.median(short):.3g} mm "
+            "long at the median; blend_time = 0.05 passes without a stop.",
         )
     if any(leg.source.continuous for leg, _ in halts):
-        return (f"{_stops(len(halts))} in G64, as blend_time is 0; blend_time = 0.05 passes without a stop.",)
+        return (f"{_counted_stops(len(halts))} in G64, as blend_time is 0; blend_time = 0.05 passes without a stop.",)
     return ()
 
 
-def _stops(count: int) -> str:
+def _counted_stops(count: int) -> str:
     return "1 stop at a corner" if count == 1 else f"{count} stops at corners"
 
 

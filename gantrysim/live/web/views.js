@@ -20,6 +20,8 @@ const LABELS = { bead: "Bead", plan: "Path error", both: "Both", overlay: "Plan"
 /** @type {Record<string, string[]>} */
 const SHOWN = { both: ["bead", "plan"] }; // by a choice, where it is not the view of its name
 
+const QUICK = "loop"; // engine of the first answer to a change
+
 /** @type {Promise<Window["gantrysimSpace"]> | undefined} */
 let spaceViews;
 
@@ -123,17 +125,17 @@ export class Views {
   }
 
   /**
-   * Show the content of a result of a job; without rows nothing is shown.
+   * Show the content of a result; without rows nothing is shown.
    *
-   * @param {RunContent | ComparedContent} content @param {string} name of the job
+   * @param {RunContent | ComparedContent} content @param {Head} head
    */
-  show(content, name) {
+  show(content, head) {
     if (!content.rows) {
       this._clear();
       return;
     }
-    const shape = JSON.stringify([name, Boolean(this.placing.place()), ...shapeOf(content)]);
-    if (shape !== this.shape || !this._update(content)) this._build(content);
+    const shape = JSON.stringify([head.name, Boolean(this.placing.place()), ...shapeOf(content)]);
+    if (shape !== this.shape || !this._update(content, head.engine === QUICK)) this._build(content);
     this.shape = shape;
   }
 
@@ -165,10 +167,15 @@ export class Views {
     this.linkFilm(this.film);
   }
 
-  /** Show other data in the same views; returns whether these can. @param {RunContent | ComparedContent} content */
-  _update(content) {
+  /**
+   * Show other data in the same views; returns whether these can.
+   *
+   * @param {RunContent | ComparedContent} content @param {boolean} isQuick whether verdict and maps come first
+   */
+  _update(content, isQuick) {
     if (!this.shown) return false;
-    const { data, cursor, region, strips } = this.shown;
+    const { shown } = this;
+    const { data, cursor, region, strips } = shown;
     const places = placesOf(data);
     const wasWorst = cursor.row === data.worst && !cursor.pinned;
     const place = places[Math.min(cursor.row, places.length - 1)];
@@ -182,7 +189,9 @@ export class Views {
       if (view.element.hidden) this.outdated.add(view);
       else view.update();
     }
-    strips.update();
+    if (!isQuick) strips.update();
+    // in the frame after that of the maps, unless other views have taken the place of these
+    else requestAnimationFrame(() => setTimeout(() => this.shown === shown && strips.update()));
     return true;
   }
 

@@ -10,7 +10,7 @@ import { Views } from "./views.js";
 const SEEN = "gantrysim-live-seen";
 const GROUPS = { folder: "in this folder", dropped: "dropped", "built-in": "built-in" };
 const RECORD = "run.npz"; // of the folder of a run
-const FORMER = "computing; what is shown is of the former value";
+const FORMER = "former value shown; computing"; // the end is cut off where there is little room
 
 /**
  * The element of an id.
@@ -118,7 +118,11 @@ class Workbench {
     write(at("where"), `in ${state.folder}`);
     this.linkFilm();
     at("work").hidden = !state.busy;
-    if (!state.busy) at("progress").removeAttribute("value");
+    if (state.busy !== before.busy) {
+      // a bar without a value moves on its own, and each of its frames takes time from the simulation
+      at("progress").value = 0;
+      write(at("task"), state.busy === "show" ? "" : state.busy);
+    }
     if (!state.busy && this.stale) this.answered();
     this.paintStale();
   }
@@ -169,7 +173,7 @@ class Workbench {
     showVerdict(at("verdict"), head);
     if (head.beside) this.difference(head.beside);
     document.title = `${head.headline.slice(0, 1)} ${head.name}, gantrysim live`;
-    this.views.show(content, head.name);
+    this.views.show(content, head);
     at("bench").dataset.engine = head.engine;
     at("bench").dataset.bytes = String(bytes);
     at("bench").dataset.number = String(head.number);
@@ -226,7 +230,7 @@ class Workbench {
     at("refused").textContent = refusal ? refusal.text : "";
     at("bench").classList.toggle("refused", Boolean(refusal));
     if (refusal) {
-      this.say("refused; what is shown is of the former value");
+      this.say("refused; former value shown");
       this.answered();
     }
   }

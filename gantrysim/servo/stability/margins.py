@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -281,9 +282,8 @@ class Plant:
         times = (drives.period, self.period, self.delay)
         return self.period, with_velocity_loops(between_samples, motors[np.ix_(axes, states)], gain, rate, times)
 
-    @classmethod
+    @staticmethod
     def of(
-        cls,
         machine: Movable,
         period: float,
         delay: float = 0.0,
@@ -304,7 +304,7 @@ class Plant:
             InputError: a period or delay out of range, or a position that is not one finite number per axis.
             UnknownLoopError: an actuator has a delay in the MJCF.
         """
-        return cls(machine.motion(position), period, delay, drives)
+        return plant_of(machine.motion(position), period, delay, drives)
 
     def margins(self, servo: LinearLaw) -> tuple[Margins, ...]:
         """Return the margins of each axis."""
@@ -368,6 +368,12 @@ class Plant:
             Loops(response, [laws[a] for a in response.system.axes], period)
             for response, period in zip(self._responses, self._periods, strict=True)
         ]
+
+
+@lru_cache(maxsize=64)
+def plant_of(motion: Motion, period: float, delay: float, drives: Drives) -> Plant:
+    """Return the plant of a motion, which servos that differ in their gains share; arguments as of `Plant`."""
+    return Plant(motion, period, delay, drives)
 
 
 def sensitivities(plants: Sequence[Plant], servo: LinearLaw) -> Floats:

@@ -111,8 +111,9 @@ class Motion:
         return hash(self._content)
 
     @property
-    def _content(self) -> tuple[bytes, ...]:
-        return tuple(array.tobytes() for array in (self.A, self.B, self.C))
+    def _content(self) -> tuple[tuple[bytes, ...], tuple[int, ...]]:
+        arrays = (self.A, self.B, self.C, self.L)
+        return tuple(array.tobytes() for array in arrays if array is not None), self.currents
 
     def of_axis(self, axis: int) -> Motion:
         """Return the motion of one axis while the motors of the others are held."""

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -21,8 +22,9 @@ from gantrysim.job.settings import INTEGRAL_TIME
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.loops import _factors
-from gantrysim.servo.stability.margins import Margins, Plant, margins_of, sensitivities
+from gantrysim.servo.stability.margins import Margins, Plant, UnheldLaws, margins_of, sensitivities
 from gantrysim.servo.stability.motion import Drives, Motion
 
 from support.runs import ideal_motors, plain, smooth, turntable
@@ -341,6 +343,28 @@ def test_compliance_reduces_the_gain_margin(xy):
     gains = [Plant.of(machine, 1e-3).margins(servo)[1].gain for machine in machines]
     assert (np.diff(gains) > 0).all()
     assert gains[0] < 0.4 * gains[-1]
+
+
+def test_machines_that_differ_in_the_load_s_position_alone_have_their_own_margins():
+    """A motor of 1 mm per rad beside a load that moves twice as far: half the gain makes the same loop."""
+    A = np.array([[0.0, 1.0], [0.0, -1.0]])
+    B = np.array([[0.0], [100.0]])
+    C = np.array([[1.0, 0.0]])
+    drives = Drives(load=(True,))
+
+    class Still(NamedTuple):
+        motion_at_rest: Motion
+
+        def motion(self, position=None):
+            return self.motion_at_rest
+
+    def margins(reach):
+        laws = UnheldLaws(1e-3, 0.0, (Compensator.pid(2.0 / reach, 0.0, 0.05 / reach, 1e-3),), drives)
+        return Plant.of(Still(Motion(A, B, C, reach * C)), 1e-3, drives=drives).margins(laws)[0]
+
+    one, other = margins(1.0), margins(2.0)
+    assert 1 < one.gain < math.inf
+    assert dataclasses.astuple(other) == pytest.approx(dataclasses.astuple(one), rel=SAME)
 
 
 def test_a_payload_lowers_the_crossover(xy):
