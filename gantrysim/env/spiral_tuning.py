@@ -195,7 +195,7 @@ class SpiralTuningBatch(EpisodeBatch):
         episode = self._episode(place)
         simulation = episode.simulation
         fit(simulation.log, (first, last), self._motion[place], self._nominal, self._decay, self._sums[place])
-        if first * simulation.substeps >= simulation.later[0][0]:
+        if first * simulation.substeps >= simulation.later[0].step:
             self._payload[place] = episode.drawn["payload_later"]
         ticks = (int(self._sent[place]), self.source.ticks or 1)
         period = self.source.servo.period
