@@ -175,12 +175,16 @@ def perturbed_arrays(
 def _scale(model: mujoco.MjModel | ModelArrays, perturbation: Perturbation, axes: Sequence[Axis]) -> None:
     """Multiply by the factors of a perturbation."""
     names = [axis.name for axis in axes]
-    constant = perturbation.per_axis("motor_constant", names)
-    _scale_friction(model, perturbation.per_axis("friction", names), perturbation.per_axis("viscous", names))
-    _scale_stiffness(model, perturbation.per_axis("stiffness", names))
-    model.actuator_gainprm[:, [MOTOR_CONSTANT]] *= constant[:, None] ** dcmotors(model)
-    model.actuator_forcerange[:] *= constant[:, None]  # current limits
-    model.actuator_ctrlrange[:] *= constant[:, None]
+    friction, viscous, stiffness, constant = (perturbation.per_axis(name, names) for name in FACTORS)
+    # most perturbations after the first one change a single quantity
+    if (friction != 1).any() or (viscous != 1).any():
+        _scale_friction(model, friction, viscous)
+    if (stiffness != 1).any():
+        _scale_stiffness(model, stiffness)
+    if (constant != 1).any():
+        model.actuator_gainprm[:, [MOTOR_CONSTANT]] *= constant[:, None] ** dcmotors(model)
+        model.actuator_forcerange[:] *= constant[:, None]  # current limits
+        model.actuator_ctrlrange[:] *= constant[:, None]
 
 
 def _scale_friction(model: mujoco.MjModel | ModelArrays, friction: Floats, viscous: Floats) -> None:
