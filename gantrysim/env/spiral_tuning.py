@@ -104,7 +104,7 @@ class SpiralTuningBatch(EpisodeBatch):
         axes = self.source.machine.axes
         servo = self.source.servo
         self._centre = {name: np.array(servo.per_axis(name)) for name in SCALED}
-        self.sensitivity = SensitivityTable(self.source.machine, servo, settings.gain_range)
+        self.sensitivity = SensitivityTable(self.source.machine, servo, settings.gain_range, varies=True)
         self._start_log = np.log(settings.start) / math.log(settings.gain_range)
         self._decay = Decay(math.exp(-servo.period / _SMOOTH), math.exp(-servo.period / settings.memory))
         self._nominal = Nominal(
