@@ -44,7 +44,8 @@ class Rows:
             larger[:, : self.values.shape[1]] = self.values
             self.values = larger
         self.values[place, :count] = row
-        self.values[place, count:] = 0.0
+        # behind it nothing but the row before can be left
+        self.values[place, count : self.counts[place]] = 0.0
         self.counts[place] = count
 
     def at(self, columns: NDArray[np.int64]) -> Floats:

@@ -190,7 +190,11 @@ class SpiralTuningBatch(EpisodeBatch):
         for name, factor in gain_factors(self._log[places].T[..., None], settings.gain_range).items():
             self._gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
 
-    def _follow(self, place: int, first: int, last: int) -> None:
+    def _follow(self, places: NDArray[np.intp], firsts: NDArray[np.int64], lasts: NDArray[np.int64]) -> None:
+        for place, first, last in zip(places.tolist(), firsts.tolist(), lasts.tolist(), strict=True):
+            self._follow_place(place, first, last)
+
+    def _follow_place(self, place: int, first: int, last: int) -> None:
         """Fit the inertia to some ticks, and look ahead to the next decision."""
         episode = self._episode(place)
         simulation = episode.simulation
