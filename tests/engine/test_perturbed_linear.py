@@ -1,12 +1,14 @@
 """Perturbed machines for the compiled loop, summed from a few readings, are those that are read off MuJoCo's steps."""
 
+from dataclasses import fields
+
 import mujoco
 import numpy as np
 import pytest
 
 from gantrysim import Machine
 from gantrysim.engine.linear import linear_machine
-from gantrysim.engine.perturbed_linear import family_of, linear_of
+from gantrysim.engine.perturbed_linear import _MULTIPLIED, family_of, linear_of
 from gantrysim.machine.motors import springs_have_axes
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
@@ -38,6 +40,17 @@ def test_random_machines_are_those_that_are_read(name, voltage):
         twice = once.perturbed(WIDE.draw(random, machine))
         for each in (once, twice):
             assert_same(linear_of(each, STEP, voltage), read(each, voltage))
+
+
+def test_every_value_of_a_perturbation_is_in_the_sums_or_is_read():
+    """A new one needs its effect in `gantrysim.engine.perturbed_linear`, and its range in `WIDE`."""
+    in_sums = {"payload", "viscous", "stiffness"}
+    of_motors = set(_MULTIPLIED)
+    without_effect_on_the_step = {"geometry"}
+    read = {"home_offset"}
+    names = {field.name for field in fields(Perturbation)}
+    assert names == in_sums | of_motors | without_effect_on_the_step | read
+    assert in_sums | of_motors == {field.name for field in fields(Tolerances)}
 
 
 def test_a_machine_with_a_moved_home_is_read():
