@@ -49,7 +49,9 @@ def linear_of(machine: Machine, timestep: float, voltage: bool) -> Linear | None
         voltage: see there.
     """
     # it moves where the springs rest, by which their stiffness is multiplied
-    moves_home = any(each.per_axis("home_offset", machine.axis_names).any() for each in machine.perturbations)
+    moves_home = any(
+        perturbation.per_axis("home_offset", machine.axis_names).any() for perturbation in machine.perturbations
+    )
     if machine.perturbations and not moves_home:
         family = family_of(machine.nominal, timestep, voltage)
         if family is not None:
@@ -124,8 +126,8 @@ def family_of(machine: Machine, timestep: float, voltage: bool) -> Family | None
         voltage: see there.
     """
 
-    def model_of(each: Machine) -> mujoco.MjModel:
-        return each.stepping(timestep, voltage, stops=False)
+    def model_of(perturbed: Machine) -> mujoco.MjModel:
+        return perturbed.stepping(timestep, voltage, stops=False)
 
     model = model_of(machine)
     if not could_be_linear(model):
@@ -138,7 +140,7 @@ def family_of(machine: Machine, timestep: float, voltage: bool) -> Family | None
         changed = machine.perturbed(perturbation)
         parts = _parts(read_responses(changed, model_of(changed), data))
         effects.append([part - part_alone for part, part_alone in zip(parts, alone, strict=True)])
-    sums, passive = (np.stack(each) for each in zip(alone, *effects, strict=True))
+    sums, passive = (np.stack(terms) for terms in zip(alone, *effects, strict=True))
     family = Family(machine, linear_with(nominal, model), sums, passive)
     axes = len(machine.plain_axes)
     # no value is one that was read

@@ -136,7 +136,7 @@ def _curvatures(points: Floats, s: Floats) -> Floats:
 @jit
 def _reversals(points: Floats, s: Floats) -> Floats:
     """Return the arc lengths at which an axis reverses, one axis after the other."""
-    found = np.empty(points.size)
+    reversals = np.empty(points.size)
     count = 0
     for axis in range(points.shape[1]):
         direction = 0.0
@@ -147,11 +147,11 @@ def _reversals(points: Floats, s: Floats) -> Floats:
                 continue
             if step == -direction:
                 # where the last step in the other direction has ended
-                found[count] = s[end]
+                reversals[count] = s[end]
                 count += 1
             direction = step
             end = k
-    return found[:count]
+    return reversals[:count]
 
 
 class LimitedSpeed:
