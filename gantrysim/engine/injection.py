@@ -86,10 +86,24 @@ def _numbers(fault: InjectedFault, machine: Machine) -> list[int]:
     return list(range(len(machine.plain_axes))) if fault.axis is None else [machine.axis_names.index(fault.axis)]
 
 
+class Change(NamedTuple):
+    """A change of a machine, or of its model, in a run.
+
+    Attributes:
+        step: number of physics steps before it.
+        machine: the machine after it.
+        model: its model with faults, None for its own.
+    """
+
+    step: int
+    machine: Machine
+    model: mujoco.MjModel | None = None
+
+
 def faulted_models(
     faults: Sequence[InjectedFault], machine: Machine, plain: mujoco.MjModel, period: float, substeps: int
-) -> tuple[tuple[int, mujoco.MjModel], ...]:
-    """Return the models of a run with faults in the model: physics steps before each, and the model.
+) -> tuple[Change, ...]:
+    """Return the changes of a run with faults in the model.
 
     Such a fault, friction for one, stands in the model, not in the state. So the run changes models, each a copy of the
     plain one, where such faults begin and end.
@@ -107,7 +121,7 @@ def faulted_models(
             if begin <= edge < end:
                 for a in _numbers(fault, machine):
                     fault.change_model(model, a)
-        models.append((int(edge) * substeps, model))
+        models.append(Change(int(edge) * substeps, machine, model))
     return tuple(models)
 
 

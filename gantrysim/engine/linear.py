@@ -6,7 +6,7 @@ import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import mujoco
 import numpy as np
@@ -96,14 +96,14 @@ def linear_machine(machine: Machine, model: mujoco.MjModel) -> Linear | None:
         machine: the machine.
         model: its model that is stepped, without stops.
     """
-    if not _could_be(model):
+    if not could_be_linear(model):
         return None
     data = scratch_data(model)
-    linear = _read(machine, model, data)
-    return linear if _agrees(machine, model, data, linear) else None
+    linear = linear_with(read_responses(machine, model, data), model)
+    return linear if agrees(machine, model, data, linear) else None
 
 
-def _could_be(model: mujoco.MjModel) -> bool:
+def could_be_linear(model: mujoco.MjModel) -> bool:
     """Return whether all joints slide, not too many of them, and a known actuator drives each axis' joint."""
     if model.nv > MAX_DOFS:
         return False
@@ -125,14 +125,36 @@ def _is_known(model: mujoco.MjModel, a: int) -> bool:
     return bool(gain == mujoco.mjtGain.mjGAIN_FIXED and plain and model.actuator_actnum[a] == 0)
 
 
-def _read(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData) -> Linear:
-    """Read the mechanics by steps from unit states, with the motors off, and the motors off their parameters."""
-    n = int(model.nv)
-    m = int(model.nactuator)
+class Responses(NamedTuple):
+    """How speeds after a step, forces of springs and dampers before it, and the nozzle depend on a state.
+
+    Rows are the n speeds, 2 m forces on each axis' joint and on its load's, and the nozzle's three coordinates [mm].
+
+    Attributes:
+        of_place: per place of each joint, (n + 2 m + 3, n).
+        of_speed: per speed of each joint, (n + 2 m + 3, n).
+        of_force: per force on each joint, (n + 2 m + 3, n).
+        at_zero: where places and speeds are 0, (n + 2 m + 3,).
+    """
+
+    of_place: Floats
+    of_speed: Floats
+    of_force: Floats
+    at_zero: Floats
+
+
+def read_responses(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData) -> Responses:
+    """Read the mechanics by steps from unit states, with the motors off.
+
+    Args:
+        machine: the machine.
+        model: its model that is stepped.
+        data: a state, to be overwritten.
+    """
+    joints = range(int(model.nv))
     off = copy.copy(model)
     off.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
-    joints = driven_joints(model)
-    dofs = model.jnt_dofadr[joints]
+    dofs = model.jnt_dofadr[driven_joints(model)]
     loads = [address.load for address in machine.addresses]
     sensed = np.concatenate([dofs, [model.jnt_dofadr[max(load, 0)] for load in loads]])
 
@@ -147,10 +169,18 @@ def _read(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData) -> Linea
         return np.concatenate([data.qvel, data.qfrc_passive[sensed], tip])
 
     standing = stepped()
-    of_place = np.array([(stepped(data.qpos, j, _PLACE) - standing) / _PLACE for j in range(n)]).reshape(n, -1).T
-    of_speed = np.array([(stepped(data.qvel, j, _SPEED) - standing) / _SPEED for j in range(n)]).reshape(n, -1).T
-    of_force = np.array([(stepped(data.qfrc_applied, j, _FORCE) - standing) / _FORCE for j in dofs]).reshape(m, -1).T
-    at_zero = standing - of_place @ model.qpos0
+    of_place = np.array([(stepped(data.qpos, j, _PLACE) - standing) / _PLACE for j in joints]).T
+    of_speed = np.array([(stepped(data.qvel, j, _SPEED) - standing) / _SPEED for j in joints]).T
+    of_force = np.array([(stepped(data.qfrc_applied, j, _FORCE) - standing) / _FORCE for j in joints]).T
+    return Responses(of_place, of_speed, of_force, standing - of_place @ model.qpos0)
+
+
+def linear_with(responses: Responses, model: mujoco.MjModel) -> Linear:
+    """Return a machine for the compiled loop, with the motors of a model that is stepped."""
+    n = int(model.nv)
+    m = int(model.nactuator)
+    dofs = model.jnt_dofadr[driven_joints(model)]
+    of_place, of_speed, of_force, at_zero = responses
     plants = np.zeros(1, PLANT)
     plant = plants[0]
     plant["dofs"] = n
@@ -158,7 +188,7 @@ def _read(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData) -> Linea
     plant["step"] = model.opt.timestep
     plant["of_speed"][:n, :n] = of_speed[:n]
     plant["of_place"][:n, :n] = of_place[:n]
-    plant["push"][:n, :m] = of_force[:n]
+    plant["push"][:n, :m] = of_force[:n, dofs]
     plant["constant"][:n] = at_zero[:n]
     springs = slice(n, n + 2 * m)
     plant["passive_of_place"][: 2 * m, :n] = of_place[springs]
@@ -213,7 +243,7 @@ def _motor(model: mujoco.MjModel, a: int) -> dict[str, float]:
     }
 
 
-def _agrees(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData, linear: Linear) -> bool:
+def agrees(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData, linear: Linear) -> bool:
     """Return whether steps from random states are MuJoCo's, but for rounding."""
     random = np.random.default_rng(0)
     ours, theirs = np.zeros(2, STATE)

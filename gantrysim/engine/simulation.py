@@ -16,9 +16,10 @@ from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.controller import Controller
 from gantrysim.engine.arguments import check_argument, sent_setpoints
 from gantrysim.engine.drives import drive_entries
-from gantrysim.engine.injection import NONE, Injection, faulted_models, injection
+from gantrysim.engine.injection import NONE, Change, Injection, faulted_models, injection
 from gantrysim.engine.laws import law_entries
-from gantrysim.engine.linear import Linear, linear_machine
+from gantrysim.engine.linear import Linear
+from gantrysim.engine.perturbed_linear import linear_of
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
 from gantrysim.faults import InjectedFault, check_faults
@@ -170,12 +171,11 @@ class Simulation:
         dispenser: of the glue.
         position: the setpoints for all the machine's axes, (n, axes) [mm or deg].
         substeps: physics steps per servo period.
-        model: the machine's, with the physics step; not to be changed.
-        stops: whether it has the stops of the axes; if not, see `gantrysim.machine.travel`.
+        stops: whether the model has the stops of the axes; if not, see `gantrysim.machine.travel`.
         book: of the log that the servo writes.
         faults: deliberate faults.
         injection: those that act in the servo tick.
-        later: the models with faults, each with the number of physics steps before it, ascending.
+        later: changes of the machine or its model, in their order.
         drives: at their start, (axes,) of `DRIVE`; None where all are plain ones.
         laws: at their start, (axes,) of `LAW`; None where none acts in the tick.
         torque: sent with the setpoints, (n, axes) [N·m]; None for none.
@@ -188,12 +188,11 @@ class Simulation:
     dispenser: Dispenser
     position: Floats
     substeps: int
-    model: mujoco.MjModel
     stops: bool
     book: LogBook
     faults: tuple[InjectedFault, ...] = ()
     injection: Injection = NONE
-    later: tuple[tuple[int, mujoco.MjModel], ...] = ()
+    later: tuple[Change, ...] = ()
     drives: NDArray[np.void] | None = None
     laws: NDArray[np.void] | None = None
     torque: Floats | None = None
@@ -231,11 +230,9 @@ class Simulation:
         substeps = substeps_of(machine, servo.period, physics_step, servo.inner_period)
         delay_steps(servo.delay, servo.period, substeps)
         _check_ticks(setpoints)
-        voltage = any(drive.current_bandwidth for drive in servo.drives)
         # a run that is to be taken back where an axis reaches a stop may not act on anything but its own state
         own_state = not faults and servo.laws.user is None
         stops = not (own_state and has_no_constraints_but_stops(machine.layout))
-        model = machine.stepping(servo.period / substeps, voltage, stops)
         drives = drive_entries(machine, servo, servo.period / substeps)
         torque = axis_torques(machine, setpoints)
         for law in servo.laws.added:
@@ -243,23 +240,24 @@ class Simulation:
             if fed is not None:
                 torque = fed if torque is None else torque + fed
         checked = check_faults(faults, machine.name, machine.axis_names, setpoints.most_ticks * servo.period)
-        return cls(
+        simulation = cls(
             machine,
             servo,
             setpoints,
             dispenser,
             position,
             substeps,
-            model,
             stops,
             LogBook(machine, setpoints, position, dispenser, checked, drives),
             checked,
             injection(checked, machine, servo),
-            faulted_models(checked, machine, model, servo.period, substeps),
-            drives,
-            law_entries(servo),
-            torque,
+            drives=drives,
+            laws=law_entries(servo),
+            torque=torque,
         )
+        if not any(fault.in_model for fault in checked):
+            return simulation
+        return replace(simulation, later=faulted_models(checked, machine, simulation.model, servo.period, substeps))
 
     def with_torque(self, torque: Floats) -> Simulation:
         """Return the simulation with other torques sent with the setpoints, (n, axes) [N·m]."""
@@ -274,11 +272,38 @@ class Simulation:
         """The machine's qpos at the first setpoint, and the servo's row before it is armed."""
         return start_of(self.machine, self.servo, self.setpoints, self.position, self.substeps, self.begin)
 
+    @property
+    def physics_step(self) -> float:
+        """Length of a physics step [s]."""
+        return self.servo.period / self.substeps
+
+    @property
+    def _voltage(self) -> bool:
+        """Whether the bus voltage is the only limit on a motor's control, see `Machine.stepping`."""
+        return any(drive.current_bandwidth for drive in self.servo.drives)
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The machine's model with the physics step, always the same object; not to be changed."""
+        return self.machine.stepping(self.physics_step, self._voltage, self.stops)
+
+    @property
+    def model_with_stops(self) -> mujoco.MjModel:
+        """The machine's model with the physics step and the stops of its axes."""
+        return self.machine.stepping(self.physics_step, self._voltage)
+
+    def later_model(self, number: int) -> mujoco.MjModel:
+        """Return the model after the change of a number in `later`."""
+        change = self.later[number]
+        if change.model is not None:
+            return change.model
+        return change.machine.stepping(self.physics_step, self._voltage)
+
     @cached_property
     def linear(self) -> tuple[Linear | None, ...]:
         """The machine for the compiled loop, and the later ones; None for one whose step is not linear."""
-        models = (self.model, *(model for _, model in self.later))
-        return tuple(linear_machine(self.machine, model) for model in models)
+        machines = (self.machine, *(change.machine for change in self.later))
+        return tuple(linear_of(machine, self.physics_step, self._voltage) for machine in machines)
 
     @cached_property
     def hindrance(self) -> str | None:
@@ -294,12 +319,6 @@ class Simulation:
         if None in self.linear:
             return f"the physics step of machine {self.machine.name} is not linear, as where a joint turns"
         return None
-
-    @property
-    def model_with_stops(self) -> mujoco.MjModel:
-        """The machine's model with the physics step and the stops of its axes."""
-        voltage = any(drive.current_bandwidth for drive in self.servo.drives)
-        return self.machine.stepping(self.model.opt.timestep, voltage)
 
     @property
     def log(self) -> Log:

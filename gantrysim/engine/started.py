@@ -104,14 +104,14 @@ class Started:
         """The model of the next physics step."""
         number = self.number_of_model
         if number:
-            return self.simulation.later[number - 1][1]
+            return self.simulation.later_model(number - 1)
         return self.simulation.model_with_stops if self.row["stops"] == IN_MODEL else self.simulation.model
 
     @property
     def number_of_model(self) -> int:
         """Number of the later models that have begun by the next physics step."""
         steps = self.steps
-        return sum(begin <= steps for begin, _ in self.simulation.later)
+        return sum(change.step <= steps for change in self.simulation.later)
 
     def stop_at_stops(self) -> None:
         """Step a model with the stops of the axes from now on."""
@@ -138,7 +138,7 @@ class Started:
         if not self.simulation.later:
             return NEVER
         steps = self.steps
-        return min((begin - steps for begin, _ in self.simulation.later if begin > steps), default=NEVER)
+        return min((change.step - steps for change in self.simulation.later if change.step > steps), default=NEVER)
 
     @property
     def plain(self) -> bool:

@@ -19,7 +19,7 @@ from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.env.decision import Entry, EpisodeState, Outcome
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Source
-from gantrysim.env.glue import BEAD, PIECE, PIECES, SIGHT, WIDTHS, Camera, Glue, LaidBead, Program, lay
+from gantrysim.env.glue import BEAD, LAYING, PIECE, PIECES, SIGHT, WIDTHS, Camera, LaidBead, lay_at_places
 from gantrysim.env.look_ahead import LimitedSpeed, PathsAhead, Rows, ahead_entries
 from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
 from gantrysim.env.scalar import PathEnv
@@ -175,13 +175,12 @@ class BeadWidthBatch(EpisodeBatch):
         self._episode_widths = np.zeros(places, WIDTHS)
 
         # of an episode: commanded speeds after each setpoint, as arrays and as rows that are zero behind their end,
-        # the largest of them, glue, and noise of the camera
+        # what is laid, and noise of the camera
         self._speeds = [np.zeros(1)] * places
         self._speed_rows = Rows(places)
-        self._fastest = [1.0] * places
-        nominal = {name: value.nominal for name, value in GLUE.items()}
-        self._glue = [Glue(**nominal, flow_index=settings.index)] * places
-        self._noise = [np.zeros(1)] * places
+        self._laying = np.zeros(places, LAYING)
+        self._laying["row"] = [self._batch.address(place) for place in range(places)]
+        self._noise = np.zeros((places, _NOISES))
         self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
@@ -205,17 +204,22 @@ class BeadWidthBatch(EpisodeBatch):
         self._override[place] = math.log(settings.override)
         for array in (self._bead, self._errors, self._widths, self._sight, self._seen, self._episode_widths):
             array[place] = 0
+        laying = self._laying[place]
         self._flow[place] = np.zeros(len(simulation.log.tick))
+        laying["flow"] = self._flow[place].ctypes.data
 
         tips = simulation.machine.tip(simulation.position)
         speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / simulation.setpoints.period
         # the last setpoint is where the path ends
         self._speeds[place] = np.append(speeds, 0.0)
         self._speed_rows.put(place, self._speeds[place])
-        self._fastest[place] = float(speeds.max())
+        laying["speeds"] = self._speeds[place].ctypes.data
+        laying["reference"] = speeds.max()
         self._paths_ahead.put(place, episode.look)
 
-        self._glue[place] = Glue(**{name: episode.drawn[name] for name in GLUE}, flow_index=settings.index)
+        for name in GLUE:
+            laying[name] = episode.drawn[name]
+        laying["flow_index"] = settings.index
         random = np.random.default_rng(int(episode.drawn["camera"] * _SEEDS))
         self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
 
@@ -225,17 +229,13 @@ class BeadWidthBatch(EpisodeBatch):
         moved = self._override[places] + self.settings.step * self._action[places, 0]
         self._override[places] = np.clip(moved, -largest, largest)
 
-    def _follow(self, place: int, first: int, last: int) -> None:
+    def _follow(self, places: NDArray[np.intp], firsts: NDArray[np.int64], lasts: NDArray[np.int64]) -> None:
         """Lay the bead of some ticks."""
         settings = self.settings
-        program = Program(
-            self._speeds[place], self._fastest[place], math.exp(self._override[place]), self.source.servo.period
-        )
-        camera = Camera(round(settings.behind / PIECE), self._noise[place], settings.tolerance)
-        laid = LaidBead(
-            self._bead[place], self._errors[place], self._widths[place], self._sight[place], self._flow[place]
-        )
-        lay(self._episode(place).simulation.log, (first, last), program, self._glue[place], camera, laid)
+        self._laying["override"] = [math.exp(logarithm) for logarithm in self._override.tolist()]
+        cameras = Camera(round(settings.behind / PIECE), self._noise, settings.tolerance)
+        laid = LaidBead(self._bead, self._errors, self._widths, self._sight, self._errors[0])
+        lay_at_places(places, (firsts, lasts), self.source.servo.period, self._laying, cameras, laid)
 
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         state = super().save(place, random)
@@ -252,7 +252,7 @@ class BeadWidthBatch(EpisodeBatch):
         run = super().record(place)
         dispenser = self._episode(place).simulation.dispenser
         # a dispenser whose flow is proportional to the speed has an area, another one a flow
-        nominal = dispenser.area * self._fastest[place] if dispenser.area else dispenser.flow
+        nominal = dispenser.area * self._laying["reference"][place] if dispenser.area else dispenser.flow
         return run.replaced(flow=np.where(run.dispense, nominal * self._flow[place][: len(run)], 0.0))
 
     def _measure(self, stepped: NDArray[np.intp]) -> None:

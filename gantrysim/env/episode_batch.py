@@ -370,16 +370,15 @@ class EpisodeBatch(ABC):
             measure(self._batch.address(place), self._span_address(place))
         firsts = self._measured[stepped]
         self._spans["before"][stepped] = self._spans["after"][stepped]
-        if type(self)._follow is not EpisodeBatch._follow:
-            lasts = self._measured[stepped]
-            for place, first, last in zip(stepped.tolist(), firsts.tolist(), lasts.tolist(), strict=True):
-                self._follow(place, first, last)
+        self._follow(stepped, firsts, self._measured[stepped])
 
     def _span_address(self, place: int) -> int:
         return self._spans.ctypes.data + place * SPAN.itemsize
 
-    def _follow(self, place: int, first: int, last: int) -> None:  # noqa: B027  most tasks have nothing of the kind
-        """Update what the task measures at a place beside the machine, from one tick to before another."""
+    def _follow(  # noqa: B027  most tasks have nothing of the kind
+        self, places: NDArray[np.intp], firsts: NDArray[np.int64], lasts: NDArray[np.int64]
+    ) -> None:
+        """Update what the task measures at places beside the machine, each from one tick to before another."""
 
     def _fault_texts(self, faulty: NDArray[np.bool_]) -> NDArray[Any]:
         """Return the faults of the places that have one as texts, None elsewhere, (places,)."""

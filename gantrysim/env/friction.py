@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
+from gantrysim.engine.injection import Change
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.axis import Axis
-from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.row import Log
 from gantrysim.servo.laws.friction import friction_torque
@@ -49,22 +49,14 @@ class Changing(Source):
         """Return the perturbation from that moment on, relative to the machine of the episode."""
         raise NotImplementedError
 
-    def _perturbed_machine(self, values: Mapping[str, float]) -> Machine:
-        machine = super()._perturbed_machine(values)
-        # from which the changed machine is made: later, once its model is stepped, it would have to be made anew
-        _ = machine.physics
-        return machine
-
     def episode(self, drawn: Mapping[str, float]) -> Episode:
         episode = super().episode(drawn)
         simulation = episode.simulation
-        machine = episode.simulation.machine
+        machine = simulation.machine
         changed = machine.perturbed(self.change(drawn))
-        voltage = any(drive.current_bandwidth for drive in self.servo.drives)
-        model = changed.stepping(simulation.model.opt.timestep, voltage)
         interval = simulation.substeps * (self.ticks or 1)
         begin = max(round(drawn[self.moment] / self.settings.decision_interval), 1) * interval
-        return replace(episode, simulation=replace(simulation, later=((begin, model),)))
+        return replace(episode, simulation=replace(simulation, later=(Change(begin, changed),)))
 
 
 class ChangingFriction(Changing):

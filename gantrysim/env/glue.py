@@ -11,9 +11,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
+from gantrysim.engine.native.pointers import floats_at, log_of, row_at
 from gantrysim.machine.row import Log
 
 PIECE = 0.5  # length of the pieces [mm]
@@ -84,6 +86,19 @@ class Glue(NamedTuple):
     clog_time: float
     lag: float
     flow_index: float
+
+
+# what is laid at a place of a batch: program and glue of its episode, with addresses of arrays
+LAYING = np.dtype(
+    [
+        ("row", np.int64),  # address of the servo's row, whose log is read
+        ("speeds", np.int64),  # address of the speeds of `Program`
+        ("flow", np.int64),  # address of the flow of `LaidBead`
+        ("reference", np.float64),  # as of `Program`
+        ("override", np.float64),
+        *((name, np.float64) for name in Glue._fields),
+    ]
+)
 
 
 class Camera(NamedTuple):
@@ -177,3 +192,34 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
             piece = finished - camera.behind
             sight.pieces += 1
             sight.error += errors[piece % PIECES] + camera.noise[piece % camera.noise.size]
+
+
+@jit
+def lay_at_places(
+    places: NDArray[np.intp],
+    ticks: tuple[NDArray[np.int64], NDArray[np.int64]],
+    period: float,
+    laying: NDArray[np.void],
+    cameras: Camera,
+    laid: LaidBead,
+) -> None:
+    """Lay the glue of some ticks at places of a batch, see `lay`.
+
+    Args:
+        places: numbers of the places, (n,).
+        ticks: the first at each of them, and the one after the last, (n,) each.
+        period: servo period [s].
+        laying: what is laid at each place of the batch, of `LAYING`.
+        cameras: as of one place, but the noise has a row for each.
+        laid: as of one place, with a row for each; its flow is not used.
+    """
+    firsts, lasts = ticks
+    for k in range(len(places)):
+        place = places[k]
+        here = laying[place]
+        program = Program(floats_at(here.speeds), here.reference, here.override, period)
+        camera = Camera(cameras.behind, cameras.noise[place], cameras.tolerance)
+        bead = LaidBead(
+            laid.bead[place], laid.errors[place], laid.widths[place], laid.sight[place], floats_at(here.flow)
+        )
+        lay(log_of(row_at(here.row)), (firsts[k], lasts[k]), program, here, camera, bead)

@@ -44,7 +44,8 @@ class Rows:
             larger[:, : self.values.shape[1]] = self.values
             self.values = larger
         self.values[place, :count] = row
-        self.values[place, count:] = 0.0
+        # behind it nothing but the row before can be left
+        self.values[place, count : self.counts[place]] = 0.0
         self.counts[place] = count
 
     def at(self, columns: NDArray[np.int64]) -> Floats:
@@ -68,25 +69,21 @@ class LookAhead:
     @cached_property
     def s(self) -> Floats:
         """Arc length of the points, (m,) [mm]."""
-        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))])
+        return _arc_lengths(self.points)
 
     @cached_property
     def curvature(self) -> Floats:
-        """Curvature in the XY plane at the points, positive to the left, (m,) [1/mm]."""
-        away = self.points[_DIRECTION_POINTS:] - self.points[:-_DIRECTION_POINTS]
-        heading = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
-        middle = 0.5 * (self.s[_DIRECTION_POINTS:] + self.s[:-_DIRECTION_POINTS])
-        return np.interp(self.s, middle, np.gradient(heading, middle))
+        """Curvature in the XY plane at the points, positive to the left, (m,) [1/mm].
+
+        It is the slope of the heading, the direction from one point to the eighth after it, at the middle of the two;
+        before the first middle and after the last it is constant.
+        """
+        return _curvatures(self.points, self.s)
 
     @cached_property
     def reversals(self) -> Floats:
         """Arc lengths at which an axis reverses, (k,) [mm]."""
-        reversals = []
-        for steps in np.diff(self.points, axis=0).T:
-            moving = np.flatnonzero(steps)
-            turned = np.flatnonzero(np.diff(np.sign(steps[moving])))
-            reversals.append(self.s[moving[turned] + 1])
-        return np.unique(np.concatenate(reversals))
+        return np.unique(_reversals(self.points, self.s))
 
     def prepare(self) -> None:
         """Compute all of it, which is then remembered."""
@@ -98,6 +95,63 @@ class LookAhead:
         edges = np.concatenate([[-np.inf], self.reversals, [np.inf]])
         after = np.searchsorted(edges, place, "right")
         return edges[after] - place, place - edges[after - 1]
+
+
+@jit
+def _arc_lengths(points: Floats) -> Floats:
+    s = np.zeros(len(points))
+    for k in range(1, len(points)):
+        x = points[k, 0] - points[k - 1, 0]
+        y = points[k, 1] - points[k - 1, 1]
+        z = points[k, 2] - points[k - 1, 2]
+        s[k] = s[k - 1] + np.sqrt(x * x + y * y + z * z)
+    return s
+
+
+@jit
+def _curvatures(points: Floats, s: Floats) -> Floats:
+    count = len(points) - _DIRECTION_POINTS
+    middle = 0.5 * (s[_DIRECTION_POINTS:] + s[:count])
+    heading = np.empty(count)
+    for k in range(count):
+        x = points[k + _DIRECTION_POINTS, 0] - points[k, 0]
+        y = points[k + _DIRECTION_POINTS, 1] - points[k, 1]
+        heading[k] = np.arctan2(y, x)
+        if k > 0:
+            # without jumps of whole turns
+            heading[k] -= 2.0 * np.pi * np.rint((heading[k] - heading[k - 1]) / (2.0 * np.pi))
+    slope = np.empty(count)
+    slope[0] = (heading[1] - heading[0]) / (middle[1] - middle[0])
+    slope[-1] = (heading[-1] - heading[-2]) / (middle[-1] - middle[-2])
+    for k in range(1, count - 1):
+        # of the parabola through three points
+        before = middle[k] - middle[k - 1]
+        after = middle[k + 1] - middle[k]
+        slope_before = (heading[k] - heading[k - 1]) / before
+        slope_after = (heading[k + 1] - heading[k]) / after
+        slope[k] = (after * slope_before + before * slope_after) / (before + after)
+    return np.interp(s, middle, slope)
+
+
+@jit
+def _reversals(points: Floats, s: Floats) -> Floats:
+    """Return the arc lengths at which an axis reverses, one axis after the other."""
+    reversals = np.empty(points.size)
+    count = 0
+    for axis in range(points.shape[1]):
+        direction = 0.0
+        end = 0
+        for k in range(1, len(points)):
+            step = np.sign(points[k, axis] - points[k - 1, axis])
+            if step == 0.0:
+                continue
+            if step == -direction:
+                # where the last step in the other direction has ended
+                reversals[count] = s[end]
+                count += 1
+            direction = step
+            end = k
+    return reversals[:count]
 
 
 class LimitedSpeed:

@@ -16,7 +16,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.servo.derivation import LARGEST_PEAK
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.stability.margins import Plant
+from gantrysim.servo.stability.margins import Plant, sensitivities
 from gantrysim.servo.stability.motion import UnknownLoopError
 
 _STEPS = 16  # of the table per unit of the action
@@ -34,10 +34,13 @@ class SensitivityTable:
         machine: the nominal machine.
         servo: servo with the gains of the action 0.
         gain_range: largest factor by which an action raises or lowers a gain.
+        varies: whether it is asked for many payloads. It then computes the peaks with all payloads of the same kilogram
+            together, which takes three times as long as one of them does.
     """
 
-    def __init__(self, machine: Machine, servo: Servo, gain_range: float) -> None:
+    def __init__(self, machine: Machine, servo: Servo, gain_range: float, varies: bool = False) -> None:
         self._machine = machine
+        self._together = _PAYLOADS if varies else 1
         self._servo = servo
         self._range = gain_range
         self._peaks: dict[tuple[int, ...], Floats] = {}
@@ -102,20 +105,24 @@ class SensitivityTable:
         steps = np.broadcast_to(np.reshape(gains, (len(_LOOP), -1)), (len(_LOOP), plant.axes))
         # an axis depends on its own gains alone
         if all(len(group) == 1 for group in plant.groups):
-            worst = max(
-                self._peak(payload, plant, np.repeat(steps[:, [a]], plant.axes, axis=1))[a] for a in range(plant.axes)
-            )
+            worst = max(self._peak(payload, np.repeat(steps[:, [a]], plant.axes, axis=1))[a] for a in range(plant.axes))
         else:
-            worst = self._peak(payload, plant, steps).max()
+            worst = self._peak(payload, steps).max()
         return min(max(float(worst) / LARGEST_PEAK - 1.0, 0.0), 1.0) if math.isfinite(worst) else 1.0
 
-    def _peak(self, payload: int, plant: Plant, steps: NDArray[np.int_]) -> Floats:
-        key = (payload, *steps.ravel().tolist())
-        if key not in self._peaks:
-            action = np.zeros((len(TUNED_GAINS), plant.axes))
+    def _peak(self, payload: int, steps: NDArray[np.int_]) -> Floats:
+        """Return the peak of |S| of each axis with gains in steps of the table, (axes,)."""
+        gains = tuple(steps.ravel().tolist())
+        if (payload, *gains) not in self._peaks:
+            first = payload - payload % self._together
+            plants = {load: self._plant(load) for load in range(first, first + self._together)}
+            known = {load: plant for load, plant in plants.items() if plant is not None}
+            action = np.zeros((len(TUNED_GAINS), steps.shape[1]))
             action[_LOOP] = steps / _STEPS
-            self._peaks[key] = plant.sensitivity(scaled_gains(self._servo, gain_factors(action, self._range)))
-        return self._peaks[key]
+            servo = scaled_gains(self._servo, gain_factors(action, self._range))
+            for load, peaks in zip(known, sensitivities(list(known.values()), servo), strict=True):
+                self._peaks[load, *gains] = peaks
+        return self._peaks[payload, *gains]
 
 
 def scaled_gains(servo: Servo, factors: Mapping[str, Floats]) -> Servo:

@@ -172,7 +172,11 @@ class ServoTorqueBatch(EpisodeBatch):
             until = slice(sent, sent + interval)
             torque[until] = self._given[place][until] + self._level[place] * self._sliding[place][until]
 
-    def _follow(self, place: int, first: int, last: int) -> None:
+    def _follow(self, places: NDArray[np.intp], firsts: NDArray[np.int64], lasts: NDArray[np.int64]) -> None:
+        for place, first, last in zip(places.tolist(), firsts.tolist(), lasts.tolist(), strict=True):
+            self._follow_place(place, first, last)
+
+    def _follow_place(self, place: int, first: int, last: int) -> None:
         """Fit the friction to some ticks, and look ahead to the next decision."""
         log = self._episode(place).simulation.log
         fit(log, (first, last), self._sliding[place], self._moving[place], self._forget, self._sums[place])

@@ -104,7 +104,7 @@ class SpiralTuningBatch(EpisodeBatch):
         axes = self.source.machine.axes
         servo = self.source.servo
         self._centre = {name: np.array(servo.per_axis(name)) for name in SCALED}
-        self.sensitivity = SensitivityTable(self.source.machine, servo, settings.gain_range)
+        self.sensitivity = SensitivityTable(self.source.machine, servo, settings.gain_range, varies=True)
         self._start_log = np.log(settings.start) / math.log(settings.gain_range)
         self._decay = Decay(math.exp(-servo.period / _SMOOTH), math.exp(-servo.period / settings.memory))
         self._nominal = Nominal(
@@ -190,12 +190,16 @@ class SpiralTuningBatch(EpisodeBatch):
         for name, factor in gain_factors(self._log[places].T[..., None], settings.gain_range).items():
             self._gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
 
-    def _follow(self, place: int, first: int, last: int) -> None:
+    def _follow(self, places: NDArray[np.intp], firsts: NDArray[np.int64], lasts: NDArray[np.int64]) -> None:
+        for place, first, last in zip(places.tolist(), firsts.tolist(), lasts.tolist(), strict=True):
+            self._follow_place(place, first, last)
+
+    def _follow_place(self, place: int, first: int, last: int) -> None:
         """Fit the inertia to some ticks, and look ahead to the next decision."""
         episode = self._episode(place)
         simulation = episode.simulation
         fit(simulation.log, (first, last), self._motion[place], self._nominal, self._decay, self._sums[place])
-        if first * simulation.substeps >= simulation.later[0][0]:
+        if first * simulation.substeps >= simulation.later[0].step:
             self._payload[place] = episode.drawn["payload_later"]
         ticks = (int(self._sent[place]), self.source.ticks or 1)
         period = self.source.servo.period

@@ -15,6 +15,7 @@ from gantrysim.base.display import table_html
 from gantrysim.base.errors import InputError, between
 from gantrysim.base.quantity import number_text
 from gantrysim.machine.geometry import Geometry
+from gantrysim.machine.model_arrays import ModelArrays, compiled_of
 from gantrysim.machine.motors import (
     BRISTLE_STIFFNESS,
     BUS_VOLTAGE,
@@ -129,7 +130,7 @@ def _declared_speed(model: mujoco.MjModel, joint: int, unit: str) -> float:
     return declared if declared > 0 else math.inf
 
 
-def perturbed_axes(model: mujoco.MjModel, axes: Sequence[Axis]) -> tuple[Axis, ...]:
+def perturbed_axes(model: mujoco.MjModel | ModelArrays, axes: Sequence[Axis]) -> tuple[Axis, ...]:
     """Re-read drive and friction of the axes after a perturbation of their model; inertia and motion are not set."""
     return tuple(
         replace(axis, **_drive_and_friction(model, actuator, axis.name, axis.unit, axis.scale))
@@ -137,7 +138,9 @@ def perturbed_axes(model: mujoco.MjModel, axes: Sequence[Axis]) -> tuple[Axis, .
     )
 
 
-def _drive_and_friction(model: mujoco.MjModel, actuator: int, name: str, unit: str, scale: float) -> dict[str, Any]:
+def _drive_and_friction(
+    model: mujoco.MjModel | ModelArrays, actuator: int, name: str, unit: str, scale: float
+) -> dict[str, Any]:
     """Return the attributes of `Axis` that a perturbation changes."""
     drive = _drive(model, actuator, name)
     gear = float(model.actuator_gear[actuator, 0])
@@ -194,7 +197,7 @@ def _direction(model: mujoco.MjModel, joint: int) -> Floats:
     return np.asarray(direction)
 
 
-def _drive(model: mujoco.MjModel, actuator: int, name: str) -> dict[str, Any]:
+def _drive(model: mujoco.MjModel | ModelArrays, actuator: int, name: str) -> dict[str, Any]:
     """Return the attributes of `Axis` that belong to the motor and its drive."""
     torque_limit = _torque_limit(model, actuator, name)
     gain = model.actuator_gainprm[actuator]
@@ -236,7 +239,7 @@ def _drive(model: mujoco.MjModel, actuator: int, name: str) -> dict[str, Any]:
     }
 
 
-def _torque_limit(model: mujoco.MjModel, actuator: int, name: str) -> float:
+def _torque_limit(model: mujoco.MjModel | ModelArrays, actuator: int, name: str) -> float:
     """Return the largest torque that the ranges of force and control leave in both directions [N·m]."""
     limit = math.inf
     control = np.ravel(model.actuator_ctrlrange[model.actuator_ctrladr[actuator]])
@@ -252,16 +255,16 @@ def _torque_limit(model: mujoco.MjModel, actuator: int, name: str) -> float:
     return limit
 
 
-def facts(model: mujoco.MjModel, name: str) -> Floats | None:
+def facts(model: mujoco.MjModel | ModelArrays, name: str) -> Floats | None:
     """Return a custom numeric of the MJCF that has a value per actuator, as a view of the model's; None without one."""
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
+    index = mujoco.mj_name2id(compiled_of(model), mujoco.mjtObj.mjOBJ_NUMERIC, name)
     if index < 0 or model.numeric_size[index] != model.nactuator:
         return None
     first = int(model.numeric_adr[index])
     return np.asarray(model.numeric_data[first : first + model.nactuator])
 
 
-def fact(model: mujoco.MjModel, name: str, actuator: int, default: float = math.nan) -> float:
+def fact(model: mujoco.MjModel | ModelArrays, name: str, actuator: int, default: float = math.nan) -> float:
     """Return a value of a custom numeric of the MJCF that has one per actuator."""
     values = facts(model, name)
     return default if values is None else float(values[actuator])
@@ -284,7 +287,7 @@ def _efficiency(model: mujoco.MjModel, actuator: int) -> float:
     return value
 
 
-def _finite(model: mujoco.MjModel, name: str, actuator: int) -> float:
+def _finite(model: mujoco.MjModel | ModelArrays, name: str, actuator: int) -> float:
     value = fact(model, name, actuator, 0.0)
     if not math.isfinite(value):
         raise InputError(f"custom numeric {name} = {value:g}: must be finite")

@@ -18,9 +18,9 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
-from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, between, unknown
 from gantrysim.base.input_files import check_regular
+from gantrysim.machine.model_arrays import ModelArrays
 from gantrysim.machine.motors import set_for_steps
 from gantrysim.machine.row import ROW_NUMBERS
 
@@ -387,8 +387,8 @@ def _arrays() -> tuple[str, ...]:
 class PhysicsModels:
     """The model of a machine's physics, and copies of it for steps of some length.
 
-    A copy takes a tenth of the time in which an agent's episode is drawn, and an episode needs the stepped model alone.
-    The physics of a perturbed machine is therefore made when it is first asked for.
+    The models of a perturbed machine are made when they are first asked for: a copy takes long beside all else that an
+    agent's episode or a case of a study needs, and the compiled loop needs none.
 
     Args:
         physics: the model.
@@ -397,30 +397,28 @@ class PhysicsModels:
     def __init__(self, physics: mujoco.MjModel) -> None:
         self._physics: mujoco.MjModel | None = physics
         self._unperturbed = physics
-        self._reference: Floats = physics.qpos0
+        self._arrays: mujoco.MjModel | ModelArrays = physics
         self._make = physics.__copy__
-        self._unused: list[mujoco.MjModel] = []
         self._stepped: dict[tuple[float, bool, bool], mujoco.MjModel] = {}
 
-    def perturbed(self, make: Callable[[], mujoco.MjModel], model: mujoco.MjModel) -> PhysicsModels:
+    def perturbed(self, make: Callable[[], mujoco.MjModel], arrays: ModelArrays) -> PhysicsModels:
         """Return the models of a perturbed machine.
 
         Args:
             make: returns a copy of `physics` with the perturbation in its arrays.
-            model: such a copy, which nobody else has; it goes to the first who needs one.
+            arrays: of such a copy.
         """
         models = PhysicsModels(self.layout)
         models._physics = None
-        models._reference = model.qpos0.copy()
+        models._arrays = arrays
         models._make = make
-        models._unused = [model]
         return models
 
     @property
     def physics(self) -> mujoco.MjModel:
         """The model; always the same object."""
         if self._physics is None:
-            self._physics = self._own_physics()
+            self._physics = self._make()
         return self._physics
 
     @property
@@ -429,24 +427,15 @@ class PhysicsModels:
         return self._unperturbed if self._physics is None else self._physics
 
     @property
-    def reference(self) -> Floats:
-        """Reference of the joints, qpos0 of `physics`, (nq,)."""
-        return self._reference if self._physics is None else self._physics.qpos0
+    def arrays(self) -> mujoco.MjModel | ModelArrays:
+        """What `physics` has in its arrays, but for those that MuJoCo derives from the masses."""
+        return self._arrays if self._physics is None else self._physics
 
     def stepping(self, timestep: float, voltage: bool, stops: bool) -> mujoco.MjModel:
         """Return a copy of `physics` for steps of a length; see `Machine.stepping`."""
         key = timestep, voltage, stops
         if key not in self._stepped:
-            model = self._own_physics()
+            model = self._make() if self._physics is None else copy.copy(self._physics)
             set_for_steps(model, *key)
             self._stepped[key] = model
         return self._stepped[key]
-
-    def _own_physics(self) -> mujoco.MjModel:
-        """Return a copy of `physics` that nobody else has."""
-        if self._physics is not None:
-            return copy.copy(self._physics)
-        try:
-            return self._unused.pop()
-        except IndexError:
-            return self._make()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 
@@ -24,8 +24,9 @@ from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.kinematic_errors import KinematicErrors, Levers
 from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.base import check_work_frame
+from gantrysim.machine.model_arrays import ModelArrays
 from gantrysim.machine.motors import driven_joints
-from gantrysim.machine.perturbation import Perturbation, geometry_factors, perturbed_model
+from gantrysim.machine.perturbation import Perturbation, geometry_factors, perturbed_arrays, perturbed_model
 from gantrysim.machine.posing import Posing, checked_position
 from gantrysim.machine.quiet import quiet
 from gantrysim.machine.row import MAX_AXES
@@ -193,6 +194,7 @@ class Machine:
         if not 1 <= physics.nactuator <= MAX_AXES:
             raise InputError(f"has {physics.nactuator} actuators, must have 1 to {MAX_AXES}")
         self._perturbations: tuple[Perturbation, ...] = ()
+        self._nominal: Machine | None = None
         axes, self.addresses = read_axes(physics)
         self.drive_gain: Floats = np.ones(len(axes))
         self.plain_axes = axes
@@ -256,6 +258,21 @@ class Machine:
         return self._models.layout
 
     @property
+    def arrays(self) -> mujoco.MjModel | ModelArrays:
+        """The arrays of `physics`, without those that MuJoCo derives from the masses; no model is made for them."""
+        return self._models.arrays
+
+    @property
+    def perturbations(self) -> tuple[Perturbation, ...]:
+        """The perturbations, in the order in which they were added."""
+        return self._perturbations
+
+    @property
+    def nominal(self) -> Machine:
+        """The machine without its perturbations."""
+        return self if self._nominal is None else self._nominal
+
+    @property
     def digest(self) -> str:
         """SHA-256 of the physics, see `digest_of`; it covers included files, not the visual elements."""
         return digest_of(self.physics)
@@ -305,10 +322,16 @@ class Machine:
         check_type("perturbation", perturbation, Perturbation, "a Perturbation", "write Perturbation(payload=0.3)")
         machine = copy.copy(self)
         machine._perturbations = (*self._perturbations, perturbation)
-        make = partial(perturbed_model, self.physics, perturbation, self.plain_axes, self.nozzle, self.work)
-        model = make()
-        machine.plain_axes = perturbed_axes(model, self.plain_axes)
-        machine._use(self._models.perturbed(make, model))
+        machine._nominal = self.nominal
+        models = self._models
+        axes = self.plain_axes
+
+        def changed_model() -> mujoco.MjModel:
+            return perturbed_model(models.physics, perturbation, axes, self.nozzle, self.work)
+
+        arrays = perturbed_arrays(models.arrays, perturbation, axes, self.nozzle, self.work)
+        machine.plain_axes = perturbed_axes(arrays, axes)
+        machine._use(models.perturbed(changed_model, arrays))
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
         return machine
 
@@ -372,7 +395,7 @@ class Machine:
 
         The joints of a closed chain follow the axes; all other joints are at their reference.
         """
-        return self._posing.qpos(self._models.reference, position)
+        return self._posing.qpos(self.arrays.qpos0, position)
 
     def motion(self, position: ArrayLike | None = None) -> Motion:
         """Return the linear dynamics of all axes about rest, from torque demands to motor positions.

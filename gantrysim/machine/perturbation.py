@@ -18,6 +18,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive, unknown_text, wrong_type
 from gantrysim.machine.axis import PER_SI, VISCOUS_DIFFERENCE, Axis, facts
 from gantrysim.machine.compiling import scratch_data
+from gantrysim.machine.model_arrays import ModelArrays, compiled_of
 from gantrysim.machine.motors import (
     BRISTLE_DAMPING,
     BRISTLE_STIFFNESS,
@@ -103,17 +104,19 @@ class Perturbation:
             InputError: it has one value per axis, for another number of axes, or that of an axis that is not there.
         """
         value = getattr(self, name)
+        if isinstance(value, float):
+            return np.full(len(axes), value)
         if _is_by_name(value):
             for axis, number in value:
                 if axis not in axes:
                     raise InputError(f"{name} of {axis} = {number:g}: {unknown_text('axis', axis, axes)}")
             nominal = 0.0 if name == "home_offset" else 1.0
             return np.array([dict(value).get(axis, nominal) for axis in axes])
-        if isinstance(value, tuple) and len(value) != len(axes):
+        if len(value) != len(axes):
             raise InputError(
                 f"{name} has {len(value)} values: must be one or {len(axes)}, of the axes {', '.join(axes)}"
             )
-        return np.full(len(axes), value, float)
+        return np.array(value)
 
 
 def _is_by_name(value: Any) -> bool:
@@ -148,25 +151,43 @@ def perturbed_model(
         InputError: a payload that leaves the body no mass, or factors for another number of axes.
     """
     changed = copy.copy(model)
-    names = [axis.name for axis in axes]
-    friction = perturbation.per_axis("friction", names)
-    viscous = perturbation.per_axis("viscous", names)
-    constant = perturbation.per_axis("motor_constant", names)
-    stiffness = perturbation.per_axis("stiffness", names)
-    _scale_friction(changed, friction, viscous)
-    _scale_stiffness(changed, stiffness)
-    changed.actuator_gainprm[:, [MOTOR_CONSTANT]] *= constant[:, None] ** dcmotors(model)
-    changed.actuator_forcerange[:] *= constant[:, None]  # current limits
-    changed.actuator_ctrlrange[:] *= constant[:, None]
+    _scale(changed, perturbation, axes)
     if perturbation.payload:
         _add_payload(changed, perturbation.payload, nozzle, work)
         with quiet():
             mujoco.mj_setConst(changed, scratch_data(model))
-    _offset_home(changed, perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes])
+    _offset_home(changed, perturbation, axes)
     return changed
 
 
-def _scale_friction(model: mujoco.MjModel, friction: Floats, viscous: Floats) -> None:
+def perturbed_arrays(
+    model: mujoco.MjModel | ModelArrays, perturbation: Perturbation, axes: Sequence[Axis], nozzle: int, work: int
+) -> ModelArrays:
+    """Return the arrays of `perturbed_model`, but for those that MuJoCo derives from the masses; arguments as there."""
+    arrays = ModelArrays(model)
+    _scale(arrays, perturbation, axes)
+    if perturbation.payload:
+        _add_payload(arrays, perturbation.payload, nozzle, work)
+    _offset_home(arrays, perturbation, axes)
+    return arrays
+
+
+def _scale(model: mujoco.MjModel | ModelArrays, perturbation: Perturbation, axes: Sequence[Axis]) -> None:
+    """Multiply by the factors of a perturbation."""
+    names = [axis.name for axis in axes]
+    friction, viscous, stiffness, constant = (perturbation.per_axis(name, names) for name in FACTORS)
+    # most perturbations after the first one change a single quantity
+    if (friction != 1).any() or (viscous != 1).any():
+        _scale_friction(model, friction, viscous)
+    if (stiffness != 1).any():
+        _scale_stiffness(model, stiffness)
+    if (constant != 1).any():
+        model.actuator_gainprm[:, [MOTOR_CONSTANT]] *= constant[:, None] ** dcmotors(model)
+        model.actuator_forcerange[:] *= constant[:, None]  # current limits
+        model.actuator_ctrlrange[:] *= constant[:, None]
+
+
+def _scale_friction(model: mujoco.MjModel | ModelArrays, friction: Floats, viscous: Floats) -> None:
     dofs = model.jnt_dofadr[driven_joints(model)]
     # parameters of an ideal torque source have other meanings
     motors = dcmotors(model)
@@ -182,12 +203,12 @@ def _scale_friction(model: mujoco.MjModel, friction: Floats, viscous: Floats) ->
         difference *= viscous
 
 
-def _scale_stiffness(model: mujoco.MjModel, stiffness: Floats) -> None:
+def _scale_stiffness(model: mujoco.MjModel | ModelArrays, stiffness: Floats) -> None:
     differ = bool(np.ptp(stiffness))
     for joint in spring_joints(model):
         axis = axis_above(model, joint)
         if axis is None and differ:
-            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
+            name = mujoco.mj_id2name(compiled_of(model), mujoco.mjtObj.mjOBJ_JOINT, joint)
             raise InputError(f"factors of stiffness per axis: no axis carries the spring {name!r}; give one for all")
         model.jnt_stiffness[joint] *= stiffness[axis or 0]
         model.jnt_stiffnesspoly[joint] *= stiffness[axis or 0]
@@ -203,8 +224,11 @@ def _scale_stiffness(model: mujoco.MjModel, stiffness: Floats) -> None:
         model.tendon_stiffnesspoly[tendon] *= factor
 
 
-def _offset_home(model: mujoco.MjModel, offset: Floats) -> None:
-    """Offset the joints' references [SI], (axes,): a displacement is qpos - qpos0, the encoder reads qpos."""
+def _offset_home(model: mujoco.MjModel | ModelArrays, perturbation: Perturbation, axes: Sequence[Axis]) -> None:
+    """Offset the joints' references: a displacement is qpos - qpos0, the encoder reads qpos."""
+    offset = perturbation.per_axis("home_offset", [axis.name for axis in axes]) / [PER_SI[axis.unit] for axis in axes]
+    if not offset.any():
+        return
     driven = driven_joints(model)
     model.qpos0[model.jnt_qposadr[driven]] -= offset
     # the length of a fixed tendon is the sum over its joints' qpos
@@ -217,14 +241,14 @@ def _offset_home(model: mujoco.MjModel, offset: Floats) -> None:
                 model.tendon_length0[tendon] -= elongation
 
 
-def _add_payload(model: mujoco.MjModel, payload: float, nozzle: int, work: int) -> None:
+def _add_payload(model: mujoco.MjModel | ModelArrays, payload: float, nozzle: int, work: int) -> None:
     body = int(model.site_bodyid[nozzle])
     # the nozzle is fixed: the work moves
     if not model.body_weldid[body]:
         body = work
     mass = float(model.body_mass[body])
     if payload < 0 and not mass + payload > 0:
-        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body)
+        name = mujoco.mj_id2name(compiled_of(model), mujoco.mjtObj.mjOBJ_BODY, body)
         raise InputError(f"payload = {payload:g} kg: must leave the body {name!r} a mass, which is {mass:g} kg")
     model.body_mass[body] += payload
     # gravcomp is a share of the weight: scaled, so that the compensating force does not follow the payload

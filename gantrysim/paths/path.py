@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats, LastCall, at_rows, lengths, read_only, read_only_view
 from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
 from gantrysim.base.errors import InputError
+from gantrysim.base.jit import jit
 from gantrysim.paths.corners import Corners
 from gantrysim.paths.feet import Local, Projection, assigned_progress, foot_between
 from gantrysim.paths.nearest import Bends, Table, find_feet, find_furthest, find_starts, find_stretches
@@ -264,14 +265,19 @@ class Path(ABC):
         return Corners.of(self)
 
 
+@jit
 def _divided_spans(edges: Floats, counts: Floats) -> Floats:
     """Return ascending numbers, with so many even intervals, but at least one, from each to the next."""
-    whole = np.maximum(counts, 1).astype(np.intp)
-    interval = np.repeat(np.arange(whole.size), whole)
-    begins = np.cumsum(whole) - whole
-    share = (np.arange(interval.size) - begins[interval]) / whole[interval]
-    divided = edges[interval] + share * np.diff(edges)[interval]
-    return np.append(divided, edges[-1])
+    whole = np.maximum(counts, 1.0)
+    divided = np.empty(int(whole.sum()) + 1)
+    place = 0
+    for k in range(len(whole)):
+        span = edges[k + 1] - edges[k]
+        for part in range(int(whole[k])):
+            divided[place] = edges[k] + part / whole[k] * span
+            place += 1
+    divided[-1] = edges[-1]
+    return divided
 
 
 def _points(points: ArrayLike) -> Floats:

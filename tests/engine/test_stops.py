@@ -39,7 +39,7 @@ def beside_the_stop(machine, **servo):
 def with_stops(simulation):
     """The same simulation on the model with its stops from the first step on."""
     other = Simulation.of(simulation.machine, simulation.servo, simulation.setpoints)
-    return replace(other, model=other.model_with_stops, stops=True)
+    return replace(other, stops=True)
 
 
 def stepped(simulation, chunk=None):

@@ -118,7 +118,7 @@ def test_a_value_chosen_leaves_the_others_drawn():
     _, drawn = env.reset(seed=5)
     _, info = env.reset(seed=5, options={"machine": {"friction_x": 2.0}, "spiral": {"speed": 42}})
     assert info == {**drawn, "friction_x": 2.0, "speed": 42.0}
-    assert env._episodes.episodes[0].simulation.machine._perturbations[0].friction[0] == 2.0
+    assert env._episodes.episodes[0].simulation.machine.perturbations[0].friction[0] == 2.0
     options = {"spiral": [{}, {"diameter": 55}]}
     _, infos = envs.reset(seed=[5, 5], options=options)
     assert infos["diameter"].tolist() == [drawn["diameter"], 55.0]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.machine.axis import Axis, fact
 from gantrysim.machine.machine import Machine
+from gantrysim.machine.model_arrays import ModelArrays
 from gantrysim.servo.drive_settings import DriveSettings
 from gantrysim.servo.servo import Servo
 
@@ -46,9 +47,9 @@ class DrivenAxis:
         return self.servo.drives[self.number]
 
     @property
-    def model(self) -> mujoco.MjModel:
-        """The machine's compiled MJCF."""
-        return self.machine.physics
+    def model(self) -> mujoco.MjModel | ModelArrays:
+        """The machine's compiled MJCF, or its arrays."""
+        return self.machine.arrays
 
     @property
     def gain(self) -> float:

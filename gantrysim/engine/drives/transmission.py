@@ -19,7 +19,6 @@ def _transmission(driven: DrivenAxis) -> dict[str, Any]:
     axis = driven.axis
     if axis.efficiency == 1:
         return {}
-    # a copy, of a perturbed machine
     model = driven.model
     turn = _PRESLIDING_TURN / float(model.actuator_gear[driven.number, 0])
     return {
