@@ -299,7 +299,7 @@ def _trace(measured: Path, options: Log, run: Run) -> Trace:
 
 def _contrast(saved: SavedRun) -> tuple[Run | None, str]:
     """Return the run of the machine without friction, or why there is none."""
-    from gantrysim.compare.contrast import frictionless_run
+    from gantrysim.compare.over_time import frictionless_run
     from gantrysim.job.code import named_code
 
     try:

@@ -140,9 +140,8 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
         typer.Exit: with the status of `gantrysim run`, unless that is 0.
     """
     from gantrysim.base.memory import LONG_RUN
-    from gantrysim.cli.evaluation import Evaluation
+    from gantrysim.cli.evaluation import Evaluation, computing_time
     from gantrysim.job.causes import check_causes
-    from gantrysim.job.cost import computing_time
     from gantrysim.job.scatter import check_repeats
     from gantrysim.report.folder import REPORT, RUN_OUTPUT, write_fault
 

@@ -1,4 +1,7 @@
-"""Following error and torque of each axis over time, measured and simulated: what lies along the path, too."""
+"""Following error and torque of each axis over time, measured and simulated: what lies along the path, too.
+
+Beside them stands the same machine without friction, a wrong one, which a trace should tell from the right one.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,16 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.vertices import noise_of
+from gantrysim.engine.simulate import simulate
+from gantrysim.machine.ideal import frictionless_machine
+from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, ErrorSize
 from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.servo import Servo
 
 FOLLOWING = "following error"
 TORQUE = "torque"
@@ -101,3 +110,30 @@ def _difference(axis: str, quantity: str, unit: str, runs: list[Floats]) -> Axis
         frictionless=ErrorSize.of((measured - wrong[0])[known]) if wrong else None,
         noise=noise_of(measured[known][:, None]),
     )
+
+
+def frictionless_run(run: Run, machine: Machine, servo: Servo) -> Run:
+    """Return the record of a run's command on its machine without friction, under the same servo.
+
+    Args:
+        run: whose command is sent, tick by tick.
+        machine: of the run.
+        servo: of the run.
+
+    Raises:
+        InputError: a run with deliberate faults, or one that the machine without friction cannot follow to its end.
+    """
+    if run.injected:
+        raise InputError("it has deliberate faults")
+    setpoints = Setpoints(
+        run.period,
+        run.axes,
+        np.asarray(run.commanded),
+        np.asarray(run.dispense),
+        run.requested,
+        progress=None if run.progress is None else np.asarray(run.progress),
+    )
+    wrong = simulate(frictionless_machine(machine), servo, setpoints, engine="loop")
+    if wrong.fault is not None:
+        raise InputError(f"it ends in a fault: {wrong.fault}")
+    return wrong

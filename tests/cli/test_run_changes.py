@@ -119,7 +119,7 @@ def test_a_run_that_passes_and_one_with_faults_are_left_alone(gantrysim_command,
 
 def test_long_runs_are_not_run_again_unasked(monkeypatch, gantrysim_command, tmp_path, rows):
     monkeypatch.setattr("gantrysim.base.memory.LONG_RUN", 1000)
-    monkeypatch.setattr("gantrysim.job.cost.computing_time", lambda job: 1.0)
+    monkeypatch.setattr("gantrysim.cli.evaluation.computing_time", lambda job: 1.0)
     given = [word for word in QUICK if word != "--no-causes"]
     _, printed, _ = gantrysim_command("run", "an225", *given, "--out", tmp_path)
     assert "causes skipped: the run is long; --causes finds them" in printed

@@ -7,8 +7,8 @@ import pytest
 
 from gantrysim import InputError, Job, Machine, Perturbation
 from gantrysim.compare.comparison import Comparison
-from gantrysim.compare.contrast import frictionless_run
 from gantrysim.compare.measured import Assignment, Trace
+from gantrysim.compare.over_time import frictionless_run
 from gantrysim.compare.page import headline
 from gantrysim.machine.ideal import frictionless_machine
 from gantrysim.tables.column_table import ColumnTable
