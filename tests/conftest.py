@@ -31,8 +31,9 @@ from gantrysim.paths.arcs import ArcChain
 
 from support.blank_pictures import save_blank
 from support.browser import Browser, chromium
+from support.built_machines import built_once
 from support.fresh import FreshProcesses
-from support.soaked import number_of_examples
+from support.soaked import WHOLE, number_of_examples
 
 settings.register_profile(
     "any machine",
@@ -106,6 +107,16 @@ def rigid(tmp_path: Path) -> Callable[..., Machine]:
         return Machine(file)
 
     return build
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _built_machines() -> Iterator[None]:
+    """Jobs share their built-in machines, see `support.built_machines`; the soak builds each."""
+    if WHOLE:
+        yield
+        return
+    with built_once():
+        yield
 
 
 @pytest.fixture(scope="session")
