@@ -1,4 +1,4 @@
-"""The built-in machines of jobs, each compiled once in a process: to compile one takes most of a job's loading."""
+"""The built-in machines of jobs and environments, each compiled once in a process, which takes most of loading them."""
 
 import copy
 from collections.abc import Iterator
@@ -9,10 +9,16 @@ import pytest
 from gantrysim import Machine
 from gantrysim.machine.machine import builtin_models
 
+# that compile a machine by its name
+MODULES = ("gantrysim.cli.info", "gantrysim.env.episodes", "gantrysim.job.loaded")
+
 
 @contextmanager
 def built_once() -> Iterator[None]:
-    """Give jobs inside the block copies of one machine of each built-in model; a test that changes one is an error."""
+    """Give jobs and environments inside the block copies of one machine of each built-in model.
+
+    A test that changes what they share is an error.
+    """
     machines: dict[str, tuple[Machine, str]] = {}
 
     def machine_of(model, names=None):
@@ -25,7 +31,8 @@ def built_once() -> Iterator[None]:
 
     builtin = builtin_models()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gantrysim.job.loaded.Machine", machine_of)
+        for module in MODULES:
+            patch.setattr(f"{module}.Machine", machine_of)
         yield
     changed = [name for name, (machine, digest) in machines.items() if machine.digest != digest]
-    assert changed == [], f"tests have changed the machines {changed} of jobs: must change a Machine(name) of their own"
+    assert changed == [], f"tests have changed shared machines {changed}: must change a Machine(name) of their own"
