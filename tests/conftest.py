@@ -5,9 +5,11 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer
 from hypothesis import HealthCheck, settings
 
 # Before NumPy and SciPy are loaded, here and in processes of the tests: their matrices are small, and threads that wait
@@ -26,7 +28,7 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 from gantrysim import Machine
-from gantrysim.cli.main import main
+from gantrysim.cli.main import app, main
 from gantrysim.paths.arcs import ArcChain
 
 from support.blank_pictures import save_blank
@@ -171,6 +173,12 @@ def blank_pictures() -> Iterator[None]:
         yield
 
 
+@cache
+def _parsed_app():
+    """The command with the parameters of all its functions, which typer reads anew at each call."""
+    return typer.main.get_command(app)
+
+
 @pytest.fixture
 def gantrysim_command(request, monkeypatch, capsys):
     """Run the command in this process: exit status, standard output, standard error.
@@ -179,6 +187,8 @@ def gantrysim_command(request, monkeypatch, capsys):
     """
     if not any(request.node.get_closest_marker(name) for name in ("drawn", "soak")):
         monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
+
+    monkeypatch.setattr("gantrysim.cli.main.app", _parsed_app())
 
     def command(*arguments):
         monkeypatch.setattr(sys, "argv", ["gantrysim", *map(str, arguments)])
