@@ -183,9 +183,9 @@ def _parsed_app():
 def gantrysim_command(request, monkeypatch, capsys):
     """Run the command in this process: exit status, standard output, standard error.
 
-    Its figures are blank, see `support.blank_pictures`, but in tests marked `drawn` and in those of the soak.
+    Its figures are blank, see `support.blank_pictures`, but in tests marked `drawn` and in the soak.
     """
-    if not any(request.node.get_closest_marker(name) for name in ("drawn", "soak")):
+    if not WHOLE and not any(request.node.get_closest_marker(name) for name in ("drawn", "soak")):
         monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
 
     monkeypatch.setattr("gantrysim.cli.main.app", _parsed_app())
