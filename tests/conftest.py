@@ -5,9 +5,11 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer
 from hypothesis import HealthCheck, settings
 
 # Before NumPy and SciPy are loaded, here and in processes of the tests: their matrices are small, and threads that wait
@@ -26,13 +28,14 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 from gantrysim import Machine
-from gantrysim.cli.main import main
+from gantrysim.cli.main import app, main
 from gantrysim.paths.arcs import ArcChain
 
 from support.blank_pictures import save_blank
 from support.browser import Browser, chromium
+from support.built_machines import built_once
 from support.fresh import FreshProcesses
-from support.soaked import number_of_examples
+from support.soaked import WHOLE, number_of_examples
 
 settings.register_profile(
     "any machine",
@@ -108,6 +111,16 @@ def rigid(tmp_path: Path) -> Callable[..., Machine]:
     return build
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _built_machines() -> Iterator[None]:
+    """Jobs share their built-in machines, see `support.built_machines`; the soak builds each."""
+    if WHOLE:
+        yield
+        return
+    with built_once():
+        yield
+
+
 @pytest.fixture(scope="session")
 def fresh(tmp_path_factory) -> Iterator[FreshProcesses]:
     """Fresh processes, see `support.fresh`."""
@@ -160,14 +173,22 @@ def blank_pictures() -> Iterator[None]:
         yield
 
 
+@cache
+def _parsed_app():
+    """The command with the parameters of all its functions, which typer reads anew at each call."""
+    return typer.main.get_command(app)
+
+
 @pytest.fixture
 def gantrysim_command(request, monkeypatch, capsys):
     """Run the command in this process: exit status, standard output, standard error.
 
-    Its figures are blank, see `support.blank_pictures`, but in tests marked `drawn` and in those of the soak.
+    Its figures are blank, see `support.blank_pictures`, but in tests marked `drawn` and in the soak.
     """
-    if not any(request.node.get_closest_marker(name) for name in ("drawn", "soak")):
+    if not WHOLE and not any(request.node.get_closest_marker(name) for name in ("drawn", "soak")):
         monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
+
+    monkeypatch.setattr("gantrysim.cli.main.app", _parsed_app())
 
     def command(*arguments):
         monkeypatch.setattr(sys, "argv", ["gantrysim", *map(str, arguments)])

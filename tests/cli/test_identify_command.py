@@ -66,7 +66,6 @@ def test_period_and_rows_describe_the_log(gantrysim_command, tmp_path):
 
 
 @pytest.mark.first
-@pytest.mark.drawn
 def test_a_log_gives_values_plots_and_a_machine(gantrysim_command, tmp_path):
     """A rigid log of x alone: the moves at speed, without the short strokes."""
     machine = Machine("xy")

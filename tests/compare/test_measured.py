@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from gantrysim import Budget, InputError, Job, Machine, Servo
+from gantrysim import Budget, InputError, Job, Machine, Run, Servo
 from gantrysim.base.arrays import spans
 from gantrysim.compare.alignment import aligned_trace
 from gantrysim.compare.comparison import Comparison, coverage, evenly
@@ -444,7 +444,6 @@ def test_traces_that_cannot_be_compared_are_refused(run):
             aligned_trace(Trace(factor * run.time, {"encoder": run.encoder}, None), run)
 
 
-@pytest.mark.drawn
 def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_command):
     folder = tmp_path / "out"
     assert (
@@ -453,8 +452,7 @@ def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_com
         )[0]
         == 0
     )
-    record = Job.load("fanuc-spiral").run()
-    time, nozzle = logged(record, "nozzle", 800.0, 1.0, 2.0, 0.0, 1e-3)
+    time, nozzle = logged(Run.load(folder / "run.npz"), "nozzle", 800.0, 1.0, 2.0, 0.0, 1e-3)
     log = tmp_path / "log.csv"
     np.savetxt(log, np.column_stack([time, nozzle[:, :2] * 1e3]), delimiter=",", header="t,px,py", comments="")
     columns = "time=t,x=px*0.001,y=py[um]"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from gantrysim import Job
 from gantrysim.base.errors import InputError
@@ -31,15 +32,20 @@ def identified(tmp_path, text, **options):
 CASES = [(kind, fluid, seed) for seed in range(5) for kind in KINDS for fluid in FLUIDS]
 
 
+def allowed_misses(count):
+    """Return how many of so many 95 % intervals miss their values by chance, but in one of a hundred sets."""
+    return int(binom.ppf(0.99, count, 0.05))
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize(("kind", "fluid", "seed"), suite_runs(CASES, 2))
 def test_intervals_hold_the_truth(tmp_path, kind, fluid, seed):
-    """Each by itself may miss one of its values; `test_coverage` counts them all."""
+    """Each set by itself misses no more of its values than exact intervals would; `test_coverage` counts them all."""
     data = dispenser_data(kind, fluid, seed)
     values = [value for value in identified(tmp_path, data.text).values if value.name in data.truth]
     known = [value for value in values if value.identified]
     missed = [value.name for value in known if not value.low <= data.truth[value.name] <= value.high]
-    assert len(missed) <= 1
+    assert len(missed) <= allowed_misses(len(known))
     for value in known:
         assert value.value == pytest.approx(data.truth[value.name], rel=0.45)
     assert len(known) >= len(values) - 2

@@ -32,8 +32,9 @@ class Fluid(NamedTuple):
     index: float
     yield_stress: float
 
-    def rate(self, stress):
-        return (max(stress - self.yield_stress, 0.0) / self.consistency) ** (1 / self.index)
+    def rate(self, excess):
+        """Shear rate under a stress that exceeds the yield stress by so much [1/s]."""
+        return (excess / self.consistency) ** (1 / self.index)
 
 
 @cache
@@ -43,7 +44,10 @@ def tube_flow(fluid, bore, length, pressure):
     wall = 1e3 * pressure * radius / (2e-3 * length)
     if wall <= fluid.yield_stress:
         return 0.0
-    integral = quad(lambda s: s**2 * fluid.rate(s), fluid.yield_stress, wall, epsrel=1e-10)[0]
+    # from the yield surface outwards, over the stress beyond the yield stress: where the wall's is a rounding above it,
+    # the integrand would have no digits left after a subtraction
+    tau_y = fluid.yield_stress
+    integral = quad(lambda excess: (tau_y + excess) ** 2 * fluid.rate(excess), 0.0, wall - tau_y, epsrel=1e-10)[0]
     return 1e9 * math.pi * radius**3 / wall**3 * integral
 
 

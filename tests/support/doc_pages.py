@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import pytest
 
+from support.soaked import WHOLE
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 FENCED = re.compile(r'^ *```(\w*)(?: title="([^"]+)")?\n(.*?)^ *```$', flags=re.DOTALL | re.MULTILINE)
@@ -89,6 +91,8 @@ class Printed(NamedTuple):
 def run_in_turn(fresh, folder, steps):
     """Run a page's steps one after another in one fresh process, as whoever follows the page does in one session.
 
+    Figures are blank but in the soak, see `support.blank_pictures`.
+
     Args:
         fresh: fresh processes, see `support.fresh`.
         folder: where they run.
@@ -118,6 +122,14 @@ import sys
 from pathlib import Path
 
 os.environ["COLUMNS"] = "{_WIDTH}"
+if {not WHOLE}:
+    import matplotlib.figure
+
+    sys.path.append({str(ROOT / "tests")!r})
+    from support.blank_pictures import save_blank
+    sys.path.pop()
+
+    matplotlib.figure.Figure.savefig = save_blank
 names, page = {{"__name__": "__main__"}}, "example"
 for kind, *what in json.loads(sys.argv[1]):
     for stream in (sys.stdout, sys.stderr):

@@ -110,8 +110,9 @@ def test_a_spline_passes_through_the_points_and_is_the_cubic_one_along_the_chord
     spline = CubicSpline(at, places, bc_type="periodic" if closed and len(points) > 3 else "natural")
     curve = spline(np.linspace(0, at[-1], 20_001))
     for chain, bound in ((drawing.route.chain, 0.02), (found, 0.002)):
-        assert farthest(sampled(chain, 0.005), curve) <= bound + 1e-4
-        assert farthest(curve, sampled(chain, 0.005)) <= bound + 1e-4
+        points_of_chain = sampled(chain, 0.005)
+        assert farthest(points_of_chain, curve) <= bound + 1e-4
+        assert farthest(curve, points_of_chain) <= bound + 1e-4
     ends = found.position(np.append(0, found.ends))
     assert max(np.linalg.norm(ends - place, axis=1).min() for place in places) < EXACT
 
