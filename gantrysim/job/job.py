@@ -135,7 +135,9 @@ class Job(LoadedJob):
                 if name in other.__dict__:
                     shared.__dict__[name] = other.__dict__[name]
             fits_alike = shared.dispenser == other.dispenser and shared.bead == other.bead
-            if fits_alike and shared.built_machine is other.built_machine and "_fits" in other.__dict__:
+            # a machine that is not built yet may be refused
+            is_on_it = shared.__dict__.get("built_machine") is other.__dict__.get("built_machine")
+            if fits_alike and is_on_it and "_fits" in other.__dict__:
                 shared.__dict__["_fits"] = True
         return shared
 

@@ -46,6 +46,7 @@ class Shown:
         self.margins = vars(self.job)["margins"] = distinct(self.job.margins, 3.0, 9.0)
         patch.setattr(Budget, "values", self.budget)
         patch.setattr(Budget, "contour_values", self.budget.contour)
+        patch.setattr(Budget, "lag_values", self.budget.lag)
         patch.setattr(Budget, "part_values", parts)
         patch.setattr(Budget, "servo_by_axis", lambda budget, machine: self.by_axis)
         patch.setattr(Budget, "values_of", lambda budget, part: part)

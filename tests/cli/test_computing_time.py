@@ -5,31 +5,31 @@ from typer.testing import CliRunner
 
 from gantrysim import Job
 from gantrysim.base import memory
+from gantrysim.cli import evaluation
 from gantrysim.cli.main import app
-from gantrysim.job import cost
 
 from support.soaked import suite_runs
 
 
 @pytest.mark.parametrize("turns", [2, 4])
 def test_the_time_of_a_job_is_that_of_its_first_ticks_times_their_number(monkeypatch, turns):
-    clock, simulate = [0.0], cost.simulate
+    clock, simulate = [0.0], evaluation.simulate
 
     def slow(machine, servo, setpoints, **rest):
         run = simulate(machine, servo, setpoints, **rest)
         clock[0] += 1e-3 * len(run.time)
         return run
 
-    monkeypatch.setattr(cost, "simulate", slow)
-    monkeypatch.setattr(cost, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(evaluation, "simulate", slow)
+    monkeypatch.setattr(evaluation, "perf_counter", lambda: clock[0])
     job = Job.load("an225", [f"turns={turns}"])
-    assert cost.computing_time(job) == pytest.approx(cost._ALL * 1e-3 * len(job.setpoints.position))
+    assert evaluation.computing_time(job) == pytest.approx(evaluation._ALL * 1e-3 * len(job.setpoints.position))
     assert clock[0] <= 10.0  # of ticks that are run to see
 
 
 @pytest.mark.parametrize(("seconds", "said"), suite_runs([(12.4, "about 12 s"), (150.2, "about 3 min")], 0))
 def test_a_long_run_says_how_long_it_takes(tmp_path, monkeypatch, seconds, said):
-    monkeypatch.setattr(cost, "computing_time", lambda job: seconds)
+    monkeypatch.setattr(evaluation, "computing_time", lambda job: seconds)
     arguments = [
         "run",
         "an225",
