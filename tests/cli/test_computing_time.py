@@ -13,7 +13,8 @@ from support.soaked import suite_runs
 
 @pytest.mark.parametrize("turns", [2, 4])
 def test_the_time_of_a_job_is_that_of_its_first_ticks_times_their_number(monkeypatch, turns):
-    clock, simulate = [0.0], evaluation.simulate
+    clock = [0.0]
+    simulate = evaluation.simulate
 
     def slow(machine, servo, setpoints, **rest):
         run = simulate(machine, servo, setpoints, **rest)

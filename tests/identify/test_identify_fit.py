@@ -272,7 +272,10 @@ def test_the_model_of_an_axis_is_that_of_its_mjcf(machine):
 @pytest.mark.parametrize("side", ["motor", "load"])
 def test_the_mode_of_two_masses_is_theirs_where_the_motor_is_measured(side):
     """On the load's side the mode moves against the inertia: no load behind a spring answers so."""
-    motor, load, stiffness, damping = 2e-5, 3e-5, 4.0, 1e-4
+    motor = 2e-5
+    load = 3e-5
+    stiffness = 4.0
+    damping = 1e-4
     pull = np.array([stiffness, -stiffness, damping, -damping])
     A = np.vstack([[0, 0, 1, 0], [0, 0, 0, 1], -pull / motor, pull / load])
     B = np.array([[0.0], [0.0], [1 / motor], [0.0]])

@@ -69,13 +69,18 @@ def test_a_process_that_ends_is_said_and_replaced(worker):
     assert done(answers, 2).count("result") == 2
 
 
-@pytest.mark.soak
-def test_a_stop_ends_a_request_without_an_answer(worker):
-    made, answers = worker
+def stop_a_search(made, answers):
+    """Ask for a search, and stop it by the second request once it makes progress."""
     made.ask(Request(1, "improve", Draft("an225")))
     while answers.get(timeout=PATIENCE).kind != "progress":
         pass
     made.ask(Request(2, "stop"))
+
+
+@pytest.mark.soak
+def test_a_stop_ends_a_request_without_an_answer(worker):
+    made, answers = worker
+    stop_a_search(made, answers)
     made.ask(Request(3, "show", Draft("an225")))
     assert done(answers, 3).count("result") == 2
     assert answers.empty()
@@ -84,10 +89,7 @@ def test_a_stop_ends_a_request_without_an_answer(worker):
 @pytest.mark.soak
 def test_a_process_that_has_stopped_is_kept(worker):
     made, answers = worker
-    made.ask(Request(1, "improve", Draft("an225")))
-    while answers.get(timeout=PATIENCE).kind != "progress":
-        pass
-    made.ask(Request(2, "stop"))
+    stop_a_search(made, answers)
     assert done(answers, 2) == ["done"]
     first = made.process_id
     time.sleep(1.5 * REPLACED_AFTER)

@@ -224,7 +224,8 @@ def test_where_beads_cross_the_nozzle_pushes_the_excess_aside_and_without_it_the
     assert corner.all()
     assert not free.map.wet([[0.55 * width, 0.55 * width]]).any()
     # glue wets where it is pushed to, and under a plate all of it is as high as the gap
-    height, covered = pushed.map.height, pushed.map.covered[0]
+    height = pushed.map.height
+    covered = pushed.map.covered[0]
     assert height[covered == 0.0].sum() < 1e-5 * height.sum()
     near = np.hypot(*np.meshgrid(pushed.map.x, pushed.map.y)) < 4.0
     assert height[near].sum() == pytest.approx(GAP * covered[near].sum(), rel=5e-3)
