@@ -1,5 +1,6 @@
 """The terminal at 40, 80 and 120 columns: nothing that is printed in a wide one is lost or cut."""
 
+import re
 from collections import Counter
 from copy import deepcopy
 
@@ -9,6 +10,9 @@ from gantrysim import Job, causes_of
 from gantrysim.cli import terminal
 from gantrysim.cli.info import KINDS, overview_table
 from gantrysim.cli.show import show_section
+from gantrysim.job.loading import builtin_jobs
+from gantrysim.job.programs import PROGRAMS
+from gantrysim.machine.machine import builtin_models
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.report import change_section
 
@@ -130,6 +134,9 @@ def test_info_fits_on_one_screen(printed):
     text = printed(overview_table(), 80)
     assert len(text.splitlines()) < SCREEN  # and the prompt
     assert widest(text) <= 80
+    # all that can be named
+    for names in (builtin_models(), builtin_jobs(), PROGRAMS, KINDS):
+        assert set(names) <= set(re.findall(r"[\w.-]+", text))
     for width in WIDTHS:
         assert letters(printed(overview_table(), width)) == letters(text)
 

@@ -222,6 +222,19 @@ def test_nothing_identified_stands_above_all(tmp_path):
     assert ["x", "all", "encoder counts", "it loses counts"] in page.rows()
 
 
+@pytest.mark.parametrize(
+    ("check", "advice"),
+    [
+        ("clipped torque", "a wider range of the recorder, or weaker moves: the torque must not be cut"),
+        ("smooth position", "the counts of the encoder, neither filtered nor interpolated"),
+    ],
+)
+def test_a_log_that_is_spoiled_as_a_whole_is_to_be_recorded_again_for_all_values(tmp_path, check, advice):
+    page = page_of(tmp_path, identification(fit_of(), Finding(check, (), "of the whole log")))
+    (names,) = [row[1] for row in page.rows() if len(row) == 2 and row[0] == advice]
+    assert names.split("; ")[-1] == "x: all values"
+
+
 def test_all_identified_leaves_a_judgement_to_be_recorded(tmp_path):
     fit = replace(fit_of(), nominal=replace(model_of(MACHINE, 0), share=0.0))
     page = page_of(tmp_path, identification(fit))

@@ -72,9 +72,9 @@ class Buffers:
     def axis(self, number: float) -> Axis:
         """Return an axis by its number."""
         n = int(number)
+        if n != number or not 0 <= n < MOST_AXES:
+            raise InputError(f"axis {number:g}: must be a whole number from 0 to {MOST_AXES - 1}")
         if n not in self.axes:
-            if n != number or not 0 <= n < MOST_AXES:
-                raise InputError(f"axis {number:g}: must be a whole number from 0 to {MOST_AXES - 1}")
             settings = self._settings
             speed = float(settings.speed)
             acceleration = float(settings.acceleration)
