@@ -224,6 +224,9 @@ def test_paths_part_where_they_part():
     assert parting.point == pytest.approx((parting.s, 0.0, 0.0))
     assert parting_of(straight, ArcChain((0.0, 0.0), 0.0, [0.0], [40.0]), 1).s == 40.0
     assert parting_of(straight, ArcChain((0.0, 0.0), 0.0, [0.0, 0.0], [20.0, 30.0]), 1) is None
+    # nowhere the same
+    beside = parting_of(straight, ArcChain((0.0, 1.0), 0.0, [0.0], [50.0]), 2)
+    assert (beside.run, beside.s, beside.point, beside.lengths) == (2, 0.0, (0.0, 0.0, 0.0), (50.0, 50.0))
 
 
 def test_runs_of_other_paths_and_machines_are_compared_over_time():

@@ -154,3 +154,12 @@ def test_a_million_lines_are_planned():
 )
 def test_the_filament_is_that_of_m200_or_of_the_slicer_s_comment(head, diameter):
     assert Program(text=f"{head}G1 X10 E1 F600\n").filament == diameter
+
+
+@pytest.mark.parametrize("word", ["P0 L1", "P1", "L2"])
+def test_settings_of_a_tool_are_neither_a_retraction_nor_a_move(word):
+    text = "G28\nM83\nM207 S2\nG1 X10 E1 F600\nG10 {} X5 Y40\nG1 X20 E1"
+    plain, settings = (Program(text=text.replace("G10 {} X5 Y40\n", line)) for line in ("", f"G10 {word} X5 Y40\n"))
+    assert settings.requested.length == plain.requested.length
+    assert settings.setpoints(1e-3).duration == plain.setpoints(1e-3).duration
+    assert any("G10 of a tool" in note for note in settings.notes)
