@@ -111,3 +111,77 @@ def test_a_bound_is_taken_and_what_lies_beyond_is_refused(name):
     with pytest.raises(InputError) as caught:
         assert Basic(f"{refused}\nPRINT 7[0]\nSTOP").printed
     assert str(caught.value) == message
+
+
+# as Trio's manual numbers them
+TYPES = {
+    "x=0": 0,
+    "MOVE(5)": 1,
+    "MOVEABS(5)": 2,
+    "MHELICAL(0,0,3,0,1,2)": 3,
+    "MOVECIRC(0,0,3,0,1)": 4,
+    "MOVESP(5)": 6,
+    "MOVEABSSP(5)": 7,
+    "MOVECIRCSP(0,0,3,0,1)": 8,
+    "MHELICALSP(0,0,3,0,1,2)": 9,
+    "FORWARD": 10,
+    "REVERSE": 11,
+    "TABLE(0,0,1): CAM(0,1,1,5)": 13,
+    "TABLE(0,0,1): CAMBOX(0,1,1,5,3)": 20,
+    "CONNECT(1,3)": 21,
+    "MOVELINK(5,5,0,0,3)": 22,
+}
+
+
+@pytest.mark.parametrize("text", TYPES)
+def test_the_type_of_a_move_is_its_number_in_the_manual(text):
+    made = Basic(f'BASE(0,1,2)\n{text}\nWA(1)\nPRINT MTYPE[0];" ";NTYPE[0]\nRAPIDSTOP(2)\nSTOP')
+    assert [line.text.split() for line in made.printed] == [[str(TYPES[text]), "0"]]
+
+
+# set; read elsewhere than set, with 2 units for the axis
+PARAMETERS = {
+    "SPEED=50": ("SPEED", 50),
+    "ACCEL=300": ("ACCEL", 300),
+    "DECEL=400": ("DECEL", 400),
+    "CORNER_MODE=8": ("CORNER_MODE", 8),
+    "DECEL_ANGLE=0.25": ("DECEL_ANGLE", 0.25),
+    "STOP_ANGLE=0.5": ("STOP_ANGLE", 0.5),
+    "FULL_SP_RADIUS=4": ("FULL_SP_RADIUS", 4),
+    "FORCE_SPEED=30": ("FORCE_SPEED", 30),
+    "SPEED=70": ("FORCE_SPEED", 70),
+    "SPEED=71": ("STARTMOVE_SPEED", 71),
+    "SPEED=72": ("ENDMOVE_SPEED", 72),
+    "STARTMOVE_SPEED=20": ("STARTMOVE_SPEED", 20),
+    "ENDMOVE_SPEED=21": ("ENDMOVE_SPEED", 21),
+    "MERGE=ON": ("MERGE", 1),
+    "SERVO=ON": ("SERVO", 1),
+    "ATYPE=44": ("ATYPE", 44),
+    "UNITS=2": ("UNITS", 2),
+    "UNITS=2: DEFPOS(3)": ("DEMAND_EDGES", 6),
+    "DEFPOS(3)": ("DPOS", 3),
+    "OFFPOS=4": ("MPOS", 4),
+    "OFFPOS=5": ("OFFPOS", 0),
+    "FE_LIMIT=3": ("FE", 0),
+    "MOVE(9)": ("IDLE", 0),
+    "x=1": ("IDLE", -1),
+    "MOVE(9): MOVE(8)": ("MOVES_BUFFERED", 1),
+    "MOVE(9): MOVE(7)": ("LOADED", 0),
+    "MOVE(6)": ("LOADED", -1),
+    "CONNECT(1,3)": ("LINK_AXIS", 3),
+    "MOVE(5)": ("LINK_AXIS", -1),
+    "MOVE(10)": ("ENDMOVE", 10),
+    "SPEED=40: ACCEL=10^7: MOVE(11): WA(50)": ("REMAIN", 9),
+    "SPEED=41: ACCEL=10^7: MOVE(-12): WA(50)": ("MSPEED", -41),
+    "SPEED=42: ACCEL=10^7: MOVE(-12): WA(50)": ("VP_SPEED", 42),
+    "MOVE(13): WA(20): CANCEL": ("AXISSTATUS", 2048),
+}
+
+
+@pytest.mark.parametrize("text", PARAMETERS)
+def test_a_parameter_reads_as_it_was_set_and_on_no_other_axis(text):
+    name, value = PARAMETERS[text]
+    made = Basic(f'BASE(2)\n{text}\nBASE(0)\nPRINT {name} AXIS(2)[6];" ";{name} AXIS(4)[6]\nRAPIDSTOP(2)\nSTOP')
+    here, there = (float(number) for number in made.printed[0].text.split())
+    plain = Basic(f"PRINT {name} AXIS(4)[6]\nSTOP").printed[0].text
+    assert (here, there) == (pytest.approx(value, rel=0.03), float(plain))
