@@ -163,3 +163,10 @@ def test_of_an_included_text_at_most_40_characters_reach_the_output(tmp_path):
         (folder / "own.cfg").symlink_to(tmp_path / "own.cfg")
         file.write_text(f"[include {name}]\n[printer]\nmax_velocity: 300\nmax_accel: 3000\n")
         assert "max_velocity" in PrinterConfig.load(file).sections["printer"]
+
+
+def test_a_printer_that_is_refused_is_so_as_an_argument_of_the_command(printer, gantrysim_command):
+    file = printer("[printer]\nmax_velocity: 0\nmax_accel: 3000\n")
+    status, out, err = gantrysim_command("gains", "slicer-square", "--from", "klipper", file)
+    assert (status, out) == (2, "")
+    assert err == f"error: --from klipper: {file}: [printer] max_velocity = 0: must be greater than 0\n"

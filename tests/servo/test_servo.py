@@ -128,6 +128,8 @@ BAD = {
     # a current loop faster than the physics, and a seed that a table's number does not hold exactly
     "current loop": ({"current_bandwidth": 1.01e5}, "current_bandwidth = 101000: must be 0 to 100000"),
     "seed": ({"encoder_seed": 2**54}, r"encoder_seed = 1\.80144e\+16: must be at most 9\.0072e\+15"),
+    "no mode": ({"mode": "fast"}, "servo mode = 'fast': must be one of 'torque', 'velocity', 'position', 'stepper'"),
+    "no feedback": ({"feedback": "both"}, "servo feedback = 'both': must be one of 'motor', 'load', 'none'"),
     "following": ({"following_error_limit": -1.0}, "following_error_limit = -1: must be greater than 0"),
 }
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from gantrysim import Machine, Servo
 from gantrysim.study.tuning.candidates import Candidate, SearchLimits, TrialResult
 from gantrysim.study.tuning.rounds import Estimates, rounds
-from gantrysim.study.tuning.search import search
+from gantrysim.study.tuning.search import _LESS, _first_points, search
 from gantrysim.study.tuning.space import SearchSpace
 from gantrysim.study.tuning.stability import Fastest, Stability
 
@@ -334,3 +335,22 @@ def test_few_candidates_are_run_on_more_than_the_hardest_machine(unconstrained):
     history, _ = run(space(detuned(0.1)), unconstrained, measure, machines=5, budget=120)
     assert history.best.hardest == 4
     assert sum(len(one.results) == 1 for one in history.candidates) > 0.6 * len(history.candidates)
+
+
+@pytest.mark.parametrize("coordinates", [("k", "i", "d", "a"), ("k", "i", "d")])
+def test_the_first_points_are_shapes_at_the_edge_each_also_with_less_of_the_last_coordinate(coordinates):
+    """Two groups of axes: the start's, the natural and the stiffest shape, each of which the frequency 0 precedes."""
+    size = 2 * (len(coordinates) - 1)
+    natural, stiffest = np.arange(size) + 0.5, np.arange(size) + 10.5
+    space = SimpleNamespace(groups=2, natural=natural, coordinates=coordinates)
+    edge = SimpleNamespace(space=space, stiffest=lambda: stiffest)
+    begin = np.arange(size + 2) + 20.0
+    shapes = [begin[2:], natural, stiffest]
+    if "a" in coordinates:
+        shapes += [np.append(shape[:-2], [_LESS, _LESS]) for shape in (natural, stiffest)]
+    points = _first_points(edge, begin, SimpleNamespace(point=np.zeros(0)))
+    expected = [begin, *(np.append([0.0, 0.0], shape) for shape in shapes)]
+    assert [point.tolist() for point in points] == [point.tolist() for point in expected]
+    # it was run there already
+    points = _first_points(edge, begin, SimpleNamespace(point=np.zeros(1)))
+    assert [point.tolist() for point in points] == [point.tolist() for point in expected[1:]]
