@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.exchange.tables import export
 from gantrysim.identify.log import Log
 from gantrysim.identify.replay import CommandedLog, near_reversals, read_commanded_log, replay
-from gantrysim.identify.replay_output import sentences
+from gantrysim.identify.replay_output import content, sentences
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
 
@@ -137,7 +138,9 @@ def test_held_out_rows_are_those_to_which_nothing_was_fitted(spiral):
     assert sizes["held out"].measured.rms == pytest.approx(np.sqrt(np.mean(measured**2)))
     assert "Rows 1 to 300 are those to which the machine was fitted" in list(sentences(found))[-1]
     for rows, words in ((slice(0, None), "No row is held out"), (slice(0, 0), "All rows are held out")):
-        assert words in list(sentences(replay(MACHINE, recorded, SERVO, fitted=rows)))[-1]
+        again = replay(MACHINE, recorded, SERVO, fitted=rows)
+        assert words in list(sentences(again))[-1]
+        assert content(again)["fitted_rows"] == (None if rows.stop == 0 else [1, len(spiral)])
 
 
 def test_a_log_that_counts_from_another_zero_is_moved_into_the_travel(spiral):
@@ -169,6 +172,8 @@ def test_the_command_prints_and_writes_all(tmp_path, spiral, gantrysim_command, 
     assert "Without friction the same machine differs by" in words
     assert "Rows 101 to 400 are those to which the machine was fitted" in words
     content = json.loads((tmp_path / "replayed" / "replay.json").read_text())
+    assert (Path(content["machine"]).stem, content["rows"], content["period_s"]) == ("xy", len(spiral) - 100, 0.001)
+    assert content["fitted_rows"] == [101, 400]
     found = content["axes"]["x"]["following_error"]["held out"]
     assert found["rows"] == len(spiral) - 400
     assert found["difference_rms_um"] > 0
