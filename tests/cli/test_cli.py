@@ -234,6 +234,8 @@ def test_a_fault_before_the_dispenser_is_on_is_recorded_too(gantrysim_command, t
     assert status == 3
     assert errors.startswith("fault: ")
     assert " on axis y at t = 0." in errors
+    verdict, *_ = output.splitlines()
+    assert verdict.startswith("verdict ✗ fail")
     assert "there are no errors to evaluate" in output
     assert sorted(path.name for path in out.iterdir()) == ["job.toml", "run.npz", "summary.json"]
     written = json.loads((out / "summary.json").read_text())
