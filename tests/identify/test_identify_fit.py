@@ -461,3 +461,28 @@ def test_a_perturbed_machine_is_found_and_written(machine, setpoints, tmp_path):
     ]
     errors = [np.std(uniform_filter1d(one - measured, 10)) for one in others]
     assert errors[0] < 0.4 * errors[1]
+
+
+def test_the_fit_starts_at_the_inertia_of_the_log_and_the_mode_of_the_table(monkeypatch):
+    """An axis twice as heavy as its table: frequency and damping ratio of the mode stay."""
+    time = PERIOD * np.arange(3000)
+    position = 20 * np.sin(2 * np.pi * 2 * time)
+    acceleration = -20 * (4 * np.pi) ** 2 * np.sin(2 * np.pi * 2 * time)
+    heavy = 2 * MODEL.inertia
+    torque = heavy * acceleration + 0.03 * np.sign(np.cos(2 * np.pi * 2 * time))
+
+    class Started(Exception):
+        pass
+
+    def started(error, start):
+        raise Started(start)
+
+    monkeypatch.setattr("gantrysim.identify.fit._fitted_model", started)
+    with pytest.raises(Started) as caught:
+        fit_axis(MODEL, AxisLog("y", "mm", 1e-3, PERIOD, position, torque, held=True))
+    (start,) = caught.value.args
+    assert start.inertia == pytest.approx(heavy, rel=0.02)
+    assert start.resonance == pytest.approx(MODEL.resonance)
+    assert start.damping / start.inertia == pytest.approx(MODEL.damping / MODEL.inertia)
+    assert start.excess / start.coulomb == pytest.approx(MODEL.excess / MODEL.coulomb)
+    assert start.coulomb == pytest.approx(0.03, rel=0.1)

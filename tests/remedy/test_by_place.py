@@ -1,5 +1,6 @@
 """Speed by place from end to end: found by simulation, written as a program, and run again as anyone would run it."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,7 +12,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.cli.main import app
 from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
-from gantrysim.remedy.by_place import RUNS, SpeedByPlace, speed_by_place, write_by_place
+from gantrysim.remedy.by_place import RUNS, SpeedByPlace, _Search, speed_by_place, write_by_place
 from gantrysim.remedy.outcome import Motion
 from gantrysim.remedy.report import remedy_of
 from gantrysim.study.speed.study import speed_changes
@@ -294,3 +295,13 @@ def test_the_first_screen_says_where_a_speed_by_place_is_faster(job, even, found
     assert (said in remedy.outcome) == is_faster
     assert ("gantrysim improve job.toml --out FOLDER writes that program" in remedy.values) == is_faster
     assert found.outcome.duration < even.duration
+
+
+@pytest.mark.parametrize(
+    ("worst", "factor"),
+    # the square root of what remains to a use of 78 %, but neither too near to 1 nor too far
+    [(0.0, 1.2), (0.6, 1.2), (0.5, math.sqrt(0.78 / 0.5)), (0.05, 1.4), (0.9, 0.85), (1.6, math.sqrt(0.78 / 1.6)), (9, 0.5)],
+)  # fmt: skip
+def test_the_second_run_is_as_much_faster_or_slower_as_its_limits_admit(worst, factor):
+    first = SimpleNamespace(usage=SimpleNamespace(shares=np.array([0.0, worst])))
+    assert _Search._second_factor(None, first) == pytest.approx(factor)
