@@ -118,6 +118,10 @@ def test_a_saved_record_is_compared_as_measured(tmp_path, gantrysim_command, rub
     words = " ".join(out.split())
     assert "Following error over time: x" in words
     assert "no difference is left" not in words
+    (tmp_path / "none.npz").write_bytes(b"no archive")
+    status, _, err = gantrysim_command("compare", folder, "--measured", tmp_path / "none.npz")
+    assert status == 2
+    assert err.startswith(f"error: --measured {tmp_path / 'none.npz'}: ")
     content = json.loads((folder / "compare" / "compare.json").read_text())
     assert {row["quantity"] for row in content["over_time"]} == {"following error", "torque"}
     assert content["over_time"][0]["difference_without_friction_rms"] > 0

@@ -8,6 +8,7 @@ import pytest
 
 from gantrysim.identify.dispenser.advice import _dots, _ratios, _records, _scales, _settings, _weighings
 from gantrysim.identify.dispenser.measurements import DOTS, RECORD, WEIGHING, Experiment
+from gantrysim.identify.dispenser.model import parameters_of
 
 
 def experiment(kind, **columns):
@@ -95,3 +96,52 @@ def test_a_record_is_switched_on_and_off_where_a_time_is_sought():
     assert switches == pytest.approx([0.5, 1.2], abs=0.011)
     assert (on[0], on[-1]) == (0.0, 0.0)
     assert set(record.columns["pressure"].tolist()) == {400.0}
+
+
+def parameters(kind, driver, *experiments):
+    """By name: usual value, spread, whether the logarithm is searched, and the bounds."""
+    found = parameters_of(fit_of(kind, driver, *experiments).measured)
+    return {one.name: (one.usual, one.spread, one.is_log, one.low, one.high) for one in found}
+
+
+TIME = (0.0, 1.0, False, 0.0, 100.0)
+
+
+def test_the_parameters_of_a_fit_begin_at_usual_values_within_what_the_measurements_admit():
+    """The stress at the wall of a needle is p R / (2 L): 400 kPa through 0.41 mm of 12 mm are 3,417 Pa."""
+    stress = 400e3 * 0.41 / (4 * 12)
+    pressed = parameters("valve", "pressure", PRESSED)
+    rheology = {
+        "needle.consistency": (10.0, 2.5, True, 1e-5, 1e7),
+        "needle.index": (1.0, 0.7, True, 0.1, 2.5),
+        "needle.yield_stress": (0.0, pytest.approx(stress), False, 0.0, pytest.approx(0.999 * stress)),
+    }
+    assert pressed == rheology
+    dotted = parameters("valve", "pressure", PRESSED, experiment(DOTS, mass=[1.0]))
+    assert dotted == {**rheology, **dict.fromkeys(("dead_time", "closing_dead_time", "opening", "closing"), TIME)}
+    # without a pressure that sets the flow, the flow itself
+    assert parameters("valve", "", experiment(WEIGHING, time=[1.0], mass=[1.0])) == {
+        "flow": (1.0, 2.5, True, 1e-9, 1e9)
+    }
+
+
+def test_the_parameters_of_a_pump_and_a_plunger_have_their_compliance_only_from_a_record():
+    """All that a pump displaces at its largest speed, at its largest pressure, is the scale of its slip."""
+    record = experiment(RECORD, time=[0.0, 0.02, 0.04], **{"pump speed": [0.0, 3.0, 0.0]}, pressure=[0.0, 200.0, 0.0])
+    pump = parameters("volumetric", "pump speed", record)
+    assert pump["pump.displacement"] == (50.0, 2.5, True, 1e-9, 1e9)
+    assert pump["pump.leak"] == (0.0, pytest.approx(50.0 * 3 / 200), False, 0.0, 1e9)
+    assert pump["pump.compliance"] == (0.005, 2.5, True, 1e-9, 1e9)
+    # anywhere between two rows
+    half = pytest.approx(0.01)
+    for name in ("record.rising", "record.falling"):
+        usual, spread, is_log, low, high = pump[name]
+        assert (usual, spread, is_log, -low, high) == (0.0, pytest.approx(0.01 / math.sqrt(3)), False, half, half)
+    plunger = experiment(WEIGHING, **{"plunger speed": [1.0]}, time=[1.0], mass=[1.0], pressure=[1.0])
+    piston = parameters("piston", "plunger speed", plunger)
+    assert piston["piston.plunger"] == (16.0, 2.5, True, 1e-9, 1e9)
+    assert "piston.compliance" not in piston
+    jet = parameters("jet", "", experiment("drops", drops=[10.0], mass=[1.0]))
+    assert jet == {"jet.drop": (0.02, 2.5, True, 1e-6, 1e9)}
+    bead = experiment("bead", speed=[10.0], gap=[1.0], width=[2.0])
+    assert parameters("jet", "", bead)["contact_angle"] == (60.0, 60.0, False, 1.0, 90.0)

@@ -471,14 +471,14 @@ def test_the_fit_starts_at_the_inertia_of_the_log_and_the_mode_of_the_table(monk
     heavy = 2 * MODEL.inertia
     torque = heavy * acceleration + 0.03 * np.sign(np.cos(2 * np.pi * 2 * time))
 
-    class Started(Exception):
+    class StartedError(Exception):
         pass
 
     def started(error, start):
-        raise Started(start)
+        raise StartedError(start)
 
     monkeypatch.setattr("gantrysim.identify.fit._fitted_model", started)
-    with pytest.raises(Started) as caught:
+    with pytest.raises(StartedError) as caught:
         fit_axis(MODEL, AxisLog("y", "mm", 1e-3, PERIOD, position, torque, held=True))
     (start,) = caught.value.args
     assert start.inertia == pytest.approx(heavy, rel=0.02)

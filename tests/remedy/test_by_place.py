@@ -300,8 +300,11 @@ def test_the_first_screen_says_where_a_speed_by_place_is_faster(job, even, found
 @pytest.mark.parametrize(
     ("worst", "factor"),
     # the square root of what remains to a use of 78 %, but neither too near to 1 nor too far
-    [(0.0, 1.2), (0.6, 1.2), (0.5, math.sqrt(0.78 / 0.5)), (0.05, 1.4), (0.9, 0.85), (1.6, math.sqrt(0.78 / 1.6)), (9, 0.5)],
-)  # fmt: skip
+    [
+        *((0.0, 1.2), (0.6, 1.2), (0.5, math.sqrt(0.78 / 0.5)), (0.05, 1.4)),
+        *((0.9, 0.85), (1.6, math.sqrt(0.78 / 1.6)), (9, 0.5)),
+    ],
+)
 def test_the_second_run_is_as_much_faster_or_slower_as_its_limits_admit(worst, factor):
     first = SimpleNamespace(usage=SimpleNamespace(shares=np.array([0.0, worst])))
     assert _Search._second_factor(None, first) == pytest.approx(factor)

@@ -53,6 +53,11 @@ def test_the_plan_magnifies_the_error_by_the_factor_in_its_legend(analysis):
     on_path = analysis.run.requested.position(foot.s)
     np.testing.assert_allclose(drawn[label], (on_path + factor * foot.offset)[:, :2], atol=1e-9)
     assert factor * np.percentile(foot.distance, 99) <= 0.2 * analysis.spacing.distance.mean()
+    path = analysis.run.requested
+    wanted = path.position(np.linspace(0, path.length, 4000))[:, :2]
+    np.testing.assert_allclose(drawn["requested path"], wanted, atol=1e-9)
+    (axes,) = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_aspect()) == ("x [mm]", "y [mm]", 1.0)
     worst = next(name for name in drawn if name.startswith("largest"))
     assert worst == f"largest error: {1e3 * foot.distance.max():.0f} µm"
 
