@@ -5,7 +5,17 @@ import pytest
 
 from gantrysim.controllers.speeds import Stretches
 from gantrysim.remedy.by_place import _Search
-from gantrysim.remedy.speed_model import ENDS, LARGEST, LEVEL, TARGET, WIDTH, LocalUsage, SpeedModel, few_speeds
+from gantrysim.remedy.speed_model import (
+    ENDS,
+    LARGEST,
+    LEVEL,
+    TARGET,
+    WIDTH,
+    LocalUsage,
+    SpeedModel,
+    _merged_speeds,
+    few_speeds,
+)
 
 BANDWIDTH = 150.0  # k of a first-order axis [rad/s]
 TOLERANCE = 0.02  # [mm]
@@ -139,3 +149,18 @@ def test_a_line_that_runs_twice_is_as_fast_as_its_slowest_pass():
         search = _Search(None, Stretches.of([10.0] * 3, [1, 2, 1], [PROGRAMMED] * 3), [{}], None)
         search._model.add_even_run(LocalUsage(np.zeros((4, 3, 2)), np.full(3, PROGRAMMED)), 1.0)
         assert search._written_speeds(np.array(speeds)) == {1: 30.0, 2: 50.0}
+
+
+@pytest.mark.parametrize(
+    ("speeds", "merged"),
+    [
+        # 70 lies within a fifth of its neighbour, but not of the fastest of the group
+        ([100.0, 85.0, 82.0, 70.0], [82.0, 82.0, 82.0, 70.0]),
+        ([70.0, 82.0, 85.0, 100.0], [70.0, 70.0, 70.0, 100.0]),
+        ([80.0, 100.0, 81.0], [80.0, 80.0, 80.0]),
+        ([50.0], [50.0]),
+        ([], []),
+    ],
+)
+def test_neighbours_within_a_fifth_of_the_fastest_are_joined_at_the_slowest(speeds, merged):
+    assert _merged_speeds(speeds, 0.2) == merged
