@@ -146,6 +146,16 @@ def test_feeds_are_in_their_units(text, feed):
     assert moves(text)[0, FEED] == pytest.approx(feed)
 
 
+@pytest.mark.parametrize("start", [(0.0, 0.0), (200.0, -70.0)])
+def test_an_inverse_time_feed_is_the_time_of_an_arc_wherever_it_lies(start):
+    """A quarter of a circle, and a helix of two turns and a quarter, in a tenth of a minute each."""
+    x, y = start
+    arcs = f"G3 X{x - 30} Y{y + 30} I-30 F10\nG3 X{x - 60} Y{y} Z8 J-30 P3 F10"
+    lengths = (15 * math.pi, math.hypot(2 * 60 * math.pi + 15 * math.pi, 8))
+    feeds = moves(f"G0 X{x} Y{y}\nG93\n{arcs}")[-2:, FEED]
+    assert feeds == pytest.approx([length / 6.0 for length in lengths])
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
