@@ -437,6 +437,8 @@ def test_the_unit_of_a_source_counts_before_that_of_the_head(tmp_path):
     ("text", "message"),
     [
         ("pressure [kPa],time [s],mass [mg]\n,,\n,,\n", "has no rows with values"),
+        ("pump speed,time [s],mass [mg]\n1,2,3\n", "U/min, as in pump speed [rpm]"),
+        ("pump speed [rpm],time,mass [mg]\n1,2,3\n", "min, as in time [s]"),
         (
             "speed [mm/s],width [mm],gap [mm]\n10,2,0.7\n20,1,\n",
             "bead: gap is empty in row 2: must be filled in all",
