@@ -19,6 +19,7 @@ from gantrysim.identify.result import AxisFit, Estimate, FrictionLaw
 from gantrysim.identify.torque_regression import TorqueRegression
 from gantrysim.identify.whole_run import WholeRun
 from gantrysim.report.plots.style import sheet
+from gantrysim.report.sections import drawn_plot
 
 from support.pages import Page
 from support.soaked import suite_runs
@@ -233,6 +234,22 @@ def test_a_log_that_is_spoiled_as_a_whole_is_to_be_recorded_again_for_all_values
     page = page_of(tmp_path, identification(fit_of(), Finding(check, (), "of the whole log")))
     (names,) = [row[1] for row in page.rows() if len(row) == 2 and row[0] == advice]
     assert names.split("; ")[-1] == "x: all values"
+
+
+def test_the_plot_of_all_values_has_a_row_for_each_with_room_for_its_label(monkeypatch):
+    sizes = []
+
+    def noted_plot(draw, values, *size):
+        sizes.append((values, size))
+        return drawn_plot(draw, values, *size)
+
+    monkeypatch.setattr("gantrysim.identify.page.drawn_plot", noted_plot)
+    found = identification(fit_of())
+    identification_page(found, LOG)
+    (values, (width, height)) = sizes[0]
+    assert values == found.values
+    # 0.3 inch a row, nearly twice a line of 10 points, and 1.2 for axis and legend
+    assert (width, height) == (10.7, pytest.approx(1.2 + 0.3 * 6))
 
 
 def test_all_identified_leaves_a_judgement_to_be_recorded(tmp_path):

@@ -77,6 +77,17 @@ def test_the_errors_over_time_have_their_signs_and_sizes(analysis):
     assert analysis.commanded.lateral.max() < 0.01
 
 
+def test_a_fault_is_marked_up_to_the_last_tick_of_the_run(analysis):
+    run = analysis.run
+    last = float(run.time[-1])
+    faults = tuple(SimpleNamespace(kind="stall", time=time) for time in (0.5 * last, last, 1.01 * last))
+    panels = plots.draw_error(Figure(), Analysis(run.replaced(injected=faults)))
+    for panel in panels:
+        marked = [line.get_xdata()[0] for line in panel.lines if line.get_linestyle() == ":"]
+        assert marked == [0.5 * last, last]
+        assert [text.xy[0] for text in panel.texts if text.get_text() == "stall"] == marked
+
+
 def test_the_spacing_is_drawn_turn_by_turn_with_the_requested_one(analysis):
     figure = Figure()
     plots.draw_spacing(figure, analysis)
