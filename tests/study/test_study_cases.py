@@ -228,6 +228,7 @@ def test_a_logarithmic_axis_has_four_round_numbers_at_least(direction, low, high
     axis = axes.xaxis if direction == "x" else axes.yaxis
     assert axis.get_scale() == "log"
     assert axis.get_majorticklocs() == pytest.approx(expected)
+    assert len(axis.get_minorticklocs()) == 0
     assert [axis.get_major_formatter()(tick) for tick in expected] == [f"{tick:g}" for tick in expected]
     margin = 1.06 * (high / low) ** 0.03
     assert axis.get_view_interval() == pytest.approx([low / margin, high * margin])
