@@ -377,6 +377,21 @@ SPOILED = {
         {"density": 1.1},
         "weighing: of a jet: must be drops and mass",
     ),
+    "drops in another order": (
+        "drops,mass [mg]\n100,4.4\n200,3.3\n300,2.2\n400,1.1\n",
+        {"density": 1.1},
+        "the mass [mg] falls from 4.4 to 1.1 as drops rises from 100 to 400",
+    ),
+    "drops weighed with their cup": (
+        "drops,mass [mg]\n" + "".join(f"{n},{250 + 0.011 * n}\n" for n in (100, 200, 300, 400)),
+        {"density": 1.1},
+        "250 mg of the masses do not grow with the number of drops: the scale was not tared",
+    ),
+    "dots in another order": (
+        "open time [ms],mass [mg]\n20,3\n40,2\n80,1\n",
+        {"density": 1.1},
+        "the mass of a dot [mg] falls from 3 to 1 as open time rises",
+    ),
     "an experiment without the pressure of the other": (
         "experiment,pressure [kPa],time [s],mass [mg]\n"
         + "".join(f"a,{p},10,{p}\nb,,10,{p}\n" for p in (100, 200, 300, 400)),
