@@ -117,6 +117,7 @@ def test_a_saved_record_is_compared_as_measured(tmp_path, gantrysim_command, rub
     assert (status, err) == (0, "")
     words = " ".join(out.split())
     assert "Following error over time: x" in words
+    assert "no friction: difference between the trace and the same machine without friction" in words
     assert "no difference is left" not in words
     (tmp_path / "none.npz").write_bytes(b"no archive")
     status, _, err = gantrysim_command("compare", folder, "--measured", tmp_path / "none.npz")

@@ -267,7 +267,7 @@ def _follow(wanted: Floats, rate: Floats, period: float, limits: tuple[float, fl
     behind = 0.0
     for k in range(wanted.size):
         target = wanted[k]
-        if by_position and behind != 0.0:
+        if by_position:
             # as fast as it can still brake from within what it is behind
             catch = abs(behind) / period
             if change < math.inf:
