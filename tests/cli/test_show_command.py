@@ -1,6 +1,7 @@
 """`gantrysim show`: what a run has found, from the files in its folder."""
 
 import json
+import re
 import shutil
 
 import pytest
@@ -58,6 +59,17 @@ def test_an_aspect_is_shown_as_the_run_found_it(show, saved, monkeypatch, aspect
     assert status == 0
     assert words in printed
     assert all(line == line.rstrip() for line in printed.splitlines())
+
+
+def test_a_verdict_is_a_table_with_a_line_for_each_value(show, saved, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    verdict = json.loads((saved / "summary.json").read_text())["verdict"]
+    title, *lines = show(saved, "verdict")[1].splitlines()
+    assert title == f"verdict {verdict['headline']}"
+    # state, name and value in columns; further values of a row stand below its name
+    cells = [re.split(r"  +", line.strip()) for line in lines]
+    named = [row[1] for row in cells if len(row) == 3]
+    assert named == ["path", "glue", "stability", "machine"]
 
 
 def test_all_shows_what_there_is(show, saved):

@@ -185,3 +185,21 @@ def test_a_parameter_reads_as_it_was_set_and_on_no_other_axis(text):
     here, there = (float(number) for number in made.printed[0].text.split())
     plain = Basic(f"PRINT {name} AXIS(4)[6]\nSTOP").printed[0].text
     assert (here, there) == (pytest.approx(value, rel=0.03), float(plain))
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        # NOT stands between comparisons and AND, as -2 ^ 2 and 2 + 3 * 4 have their own order
+        ("NOT 0=1", -1),
+        ("NOT(0)=1", -1),
+        ("NOT 6 AND 12", 8),
+        ("1=1 AND 2=3", 0),
+        ("1 OR 6 AND 4", 5),
+        ("2+3*4", 14),
+        ("2*3=6", -1),
+        ("10-4-3", 3),
+    ],
+)
+def test_operators_bind_in_their_order(text, value):
+    assert [line.text.strip() for line in Basic(f"PRINT ({text})[0]\nSTOP").printed] == [str(value)]

@@ -1,5 +1,7 @@
 """The section that a program wants: of each line its E per mm, by hand, on a machine that follows exactly."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -72,3 +74,19 @@ def test_a_sharp_corner_of_a_wide_line_lies_within_the_glue_being_laid(xyz):
     """Two widths of the wide line, 16 mm, on either side of a corner of 34 deg; most of the path is a narrow line."""
     bead = followed(xyz, f"M83\nG1 X60 E0.6 {FEED}\nG1 X80 E40\nG1 X62 Y12 E40\n")
     assert Ploughing.of(bead, 4.0, 4.0) == Ploughing()
+
+
+def test_a_station_counts_where_the_dispenser_is_on_and_one_of_a_stretch_that_is_shorter_than_their_distance(xyz):
+    bead = followed(xyz, WIDTHS)
+    ticks = np.flatnonzero(bead.run.dispense)
+    ends = np.flatnonzero(np.diff(ticks) > 1)
+    firsts = np.append(ticks[0], ticks[ends + 1])
+    lasts = np.append(ticks[ends], ticks[-1]) + 1
+    expected = np.zeros(bead.place.size, bool)
+    for first, last in zip(firsts, np.minimum(lasts, bead.length.size - 1), strict=True):
+        expected |= (bead.length[first] <= bead.place) & (bead.place <= bead.length[last])
+    assert not expected.all()
+    assert (bead.dispensing == expected).all()
+    # a stretch between two stations has the one that is nearest to its begin
+    short = SimpleNamespace(place=np.arange(5.0), length=np.array([0.0, 1.6, 1.8]), stretches=np.array([[1, 2]]))
+    assert Bead.dispensing.func(short).tolist() == [False, False, True, False, False]
