@@ -106,10 +106,13 @@ def test_what_hides_the_bead_fades_and_nothing_else(staged):
     before = scene.model.geom_rgba[:, 3].copy()
     flight.view(0.0)
     np.testing.assert_allclose(scene.model.geom_rgba[:, 3], before)
+    flight.view(0.5)
+    halfway = scene.model.geom_rgba[:, 3].copy()
     flight.view(1.0)
+    np.testing.assert_allclose(halfway, 0.5 * (before + scene.model.geom_rgba[:, 3]), atol=1e-6)
     faded = scene.model.geom_rgba[:, 3] < before
     assert set(np.flatnonzero(faded).tolist()) == hiding
-    assert np.all(scene.model.geom_rgba[faded, 3] <= FADED + 1e-6)
+    np.testing.assert_allclose(scene.model.geom_rgba[faded, 3], FADED * before[faded], rtol=1e-6)
     names = {mujoco.mj_id2name(scene.model, mujoco.mjtObj.mjOBJ_GEOM, geom) for geom in hiding}
     assert not names & {"needle", "gantrysim bead"}
     assert sight.hidden_share(flight.framing) <= 0.25
