@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -144,3 +145,13 @@ def test_figures_of_a_run_are_named_with_their_units(job):
     assert figures["contour_max_um"][0].unit == "µm"
     assert figures["volume_error_percent"][0].unit == "%"
     assert len(rows_of(scatter_of(job, 2))) <= len(figures)
+
+
+@pytest.mark.parametrize(
+    ("counts", "friction", "depends"),
+    [((1e-3, 0.0), (0.02, 0.02), True), ((1e-3, 0.0), (0.0, 0.02), False), ((0.0, 0.0), (0.02, 0.02), False)],
+)
+def test_figures_scatter_where_one_axis_has_both_counts_and_friction(monkeypatch, counts, friction, depends):
+    monkeypatch.setattr("gantrysim.job.scatter._counts", lambda _: np.array(counts))
+    axes = tuple(SimpleNamespace(coulomb=torque) for torque in friction)
+    assert scatters(SimpleNamespace(built_machine=SimpleNamespace(plain_axes=axes))) is depends
