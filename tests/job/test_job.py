@@ -263,3 +263,11 @@ def test_a_part_too_large_for_the_default_cells_is_refused_before_the_simulation
     # without glue no map is made
     large.changed({"dispenser.area": 0.0}).check_fit()
     outline_job(120.0).check_fit()
+
+
+def test_a_controller_is_named_for_program_files_alone():
+    with pytest.raises(InputError) as refused:
+        Job.load("an225", controller="trio.Basic")
+    assert str(refused.value) == (
+        "--controller trio.Basic: job an225 has a program of its own; it is for program files"
+    )
