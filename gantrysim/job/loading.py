@@ -144,6 +144,8 @@ def read_job(job: str, controller: str | None = None, *, allow_code: bool = Fals
         InputError: an unknown job, a file that cannot be read, or one that no controller reads.
     """
     if job in builtin_jobs():
+        if controller is not None:
+            raise _own_program(job, controller)
         return JobSource(tomllib.loads(job_text(job)), Path(), f"job {job}")
     path = expanded_path(job)
     if not path.exists():
@@ -171,8 +173,12 @@ def read_job(job: str, controller: str | None = None, *, allow_code: bool = Fals
         table, dialect = _program(program, folder, controller, allow_code=allow_code)
         content |= table
     elif controller is not None:
-        raise InputError(f"--controller {controller}: job {job} has a program of its own; it is for program files")
+        raise _own_program(job, controller)
     return JobSource(content, folder, f"job {job}", dialect)
+
+
+def _own_program(job: str, controller: str) -> InputError:
+    return InputError(f"--controller {controller}: job {job} has a program of its own; it is for program files")
 
 
 def _is_program(path: Path, controller: str | None) -> bool:

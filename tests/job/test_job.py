@@ -265,9 +265,11 @@ def test_a_part_too_large_for_the_default_cells_is_refused_before_the_simulation
     outline_job(120.0).check_fit()
 
 
-def test_a_controller_is_named_for_program_files_alone():
+@pytest.mark.parametrize("is_built_in", [True, False])
+def test_a_controller_is_named_for_program_files_alone(tmp_path, is_built_in):
+    (tmp_path / "own.toml").write_text(Job.load("an225").toml())
+    name = "an225" if is_built_in else str(tmp_path / "own.toml")
     with pytest.raises(InputError) as refused:
-        Job.load("an225", controller="trio.Basic")
-    assert str(refused.value) == (
-        "--controller trio.Basic: job an225 has a program of its own; it is for program files"
-    )
+        Job.load(name, controller="trio.Basic")
+    assert str(refused.value).startswith("--controller ")
+    assert str(refused.value).endswith(f": job {name} has a program of its own; it is for program files")
