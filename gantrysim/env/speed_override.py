@@ -108,8 +108,12 @@ class SpeedOverrideSource(ChangingFriction):
 
     def episode(self, drawn: Mapping[str, float]) -> TrackedEpisode:
         episode = super().episode(drawn)
-        asked = episode.simulation.setpoints
-        track = Track.of(self.machine, asked, episode.progress) if self._job is None else self._job_track
+        if self._job is None:
+            asked = episode.plan.setpoints
+            assert asked.progress is not None
+            track = Track.of(self.machine, asked, asked.progress)
+        else:
+            track = self._job_track
         values = {field.name: getattr(episode, field.name) for field in fields(episode)}
         return TrackedEpisode(**values, track=track)
 
@@ -122,37 +126,21 @@ class SpeedOverrideSource(ChangingFriction):
                 "in x, y and z, as the speed along its path must not be bound by axes that turn the work"
             )
         # checks travel, and the speed of the program
-        super()._simulation(machine, plan)
+        checked = super()._simulation(machine, plan)
         count = self._room(asked.requested.length, self.program_speed(plan.drawn))
-        setpoints = Setpoints(
-            period=self.servo.period,
-            axes=asked.axes,
-            position=np.repeat(asked.position[:1], count, axis=0),
-            dispense=np.ones(count, bool),
-            requested=asked.requested,
-            progress=np.zeros(count),
+        setpoints = Setpoints.unwritten(asked, count)
+        position = np.zeros((count, checked.position.shape[1]))
+        position[0] = checked.position[0]
+        dispenser = Dispenser(area=_BEAD)
+        return replace(
+            checked,
+            setpoints=setpoints,
+            dispenser=dispenser,
+            position=position,
+            book=LogBook(machine, setpoints, position, dispenser, checked.faults, checked.drives),
+            # a machine at rest needs none
+            torque=None if checked.torque is None else np.zeros_like(position),
         )
-        job = self._job
-        simulation = Simulation.of(
-            machine,
-            self.servo,
-            setpoints,
-            physics_step=None if job is None else job.simulation.physics_step,
-            dispenser=Dispenser(area=_BEAD),
-            faults=() if job is None else job.faults,
-        )
-        # to be written as the episode goes on
-        position = simulation.position.copy()
-        simulation.setpoints.dispense.flags.writeable = True
-        book = LogBook(
-            machine,
-            simulation.setpoints,
-            position,
-            simulation.dispenser,
-            faults=simulation.faults,
-            drives=simulation.drives,
-        )
-        return replace(simulation, position=position, book=book)
 
     def _room(self, length: float, speed: float) -> int:
         """Return the number of setpoints of the longest episode, a multiple of those of an interval."""

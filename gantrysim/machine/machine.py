@@ -26,7 +26,13 @@ from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.base import check_work_frame
 from gantrysim.machine.model_arrays import ModelArrays
 from gantrysim.machine.motors import driven_joints
-from gantrysim.machine.perturbation import Perturbation, geometry_factors, perturbed_arrays, perturbed_model
+from gantrysim.machine.perturbation import (
+    Perturbation,
+    geometry_factors,
+    is_plain,
+    perturbed_arrays,
+    perturbed_model,
+)
 from gantrysim.machine.posing import Posing, checked_position
 from gantrysim.machine.quiet import quiet
 from gantrysim.machine.row import MAX_AXES
@@ -157,7 +163,6 @@ class Machine:
         source: path of the MJCF.
         name: name of the MJCF file without the suffix.
         spec: the MJCF before compilation.
-        plain_axes: axes in the order of the actuators, without inertia and motion.
         addresses: indices of the axes in MuJoCo's arrays.
         drive_gain: delivered torque per torque demand; 1 unless a perturbation changes the motor constant, (axes,).
         nozzle, work: index of the site and index of the body.
@@ -197,7 +202,7 @@ class Machine:
         self._nominal: Machine | None = None
         axes, self.addresses = read_axes(physics)
         self.drive_gain: Floats = np.ones(len(axes))
-        self.plain_axes = axes
+        self._plain_axes: tuple[Axis, ...] | None = axes
         self._use(PhysicsModels(physics))
         self.kinematics = kinematics_of(physics, driven_joints(physics), self.nozzle, self.work)
         self._posing = Posing(physics, axes, self.addresses, self.kinematics, self.nozzle, self.work)
@@ -234,9 +239,16 @@ class Machine:
         return self._axes
 
     @property
+    def plain_axes(self) -> tuple[Axis, ...]:
+        """The axes in the order of the actuators, without inertia and motion."""
+        if self._plain_axes is None:
+            self._plain_axes = perturbed_axes(self.arrays, self.nominal.plain_axes)
+        return self._plain_axes
+
+    @property
     def axis_names(self) -> tuple[str, ...]:
         """Names of the axes in the order of the actuators."""
-        return tuple(axis.name for axis in self.plain_axes)
+        return tuple(axis.name for axis in self.nominal.plain_axes)
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -324,15 +336,19 @@ class Machine:
         machine._perturbations = (*self._perturbations, perturbation)
         machine._nominal = self.nominal
         models = self._models
-        axes = self.plain_axes
 
         def changed_model() -> mujoco.MjModel:
-            return perturbed_model(models.physics, perturbation, axes, self.nozzle, self.work)
+            return perturbed_model(models.physics, perturbation, self.nominal.plain_axes, self.nozzle, self.work)
 
-        arrays = perturbed_arrays(models.arrays, perturbation, axes, self.nozzle, self.work)
-        machine.plain_axes = perturbed_axes(arrays, axes)
-        machine._use(models.perturbed(changed_model, arrays))
+        def changed_arrays() -> ModelArrays:
+            return perturbed_arrays(models.arrays, perturbation, self.nominal.plain_axes, self.nozzle, self.work)
+
+        machine._plain_axes = None
+        machine._use(models.perturbed(changed_model, changed_arrays))
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
+        if not is_plain(self.nominal.layout, machine._perturbations):
+            # which checks it
+            _ = machine.plain_axes
         return machine
 
     def with_geometry(self, geometry: Geometry | None) -> Machine:
@@ -395,7 +411,8 @@ class Machine:
 
         The joints of a closed chain follow the axes; all other joints are at their reference.
         """
-        return self._posing.qpos(self.arrays.qpos0, position)
+        moves_home = any(perturbation.home_offset != 0.0 for perturbation in self._perturbations)
+        return self._posing.qpos((self if moves_home else self.nominal).arrays.qpos0, position)
 
     def motion(self, position: ArrayLike | None = None) -> Motion:
         """Return the linear dynamics of all axes about rest, from torque demands to motor positions.

@@ -31,6 +31,7 @@ from gantrysim.machine.motors import (
     driven_joints,
     elastic_tendons,
     spring_joints,
+    springs_have_axes,
     wraps_of,
 )
 from gantrysim.machine.quiet import quiet
@@ -124,6 +125,25 @@ def _is_by_name(value: Any) -> bool:
     return isinstance(value, Mapping) or (
         isinstance(value, tuple) and bool(value) and all(isinstance(item, tuple) for item in value)
     )
+
+
+def is_plain(model: mujoco.MjModel, perturbations: Sequence[Perturbation]) -> bool:
+    """Return whether a machine can have perturbations, the last of which is new, without a look at its arrays.
+
+    Args:
+        model: of the machine, perturbed or not.
+        perturbations: of it.
+
+    Returns:
+        False where the payload, or a factor of one axis, may be one that the machine cannot have.
+    """
+    if sum(perturbation.payload for perturbation in perturbations) < 0:
+        return False
+    new = perturbations[-1]
+    of_axes = [value for name in (*FACTORS, "home_offset") if isinstance(value := getattr(new, name), tuple)]
+    if any(_is_by_name(value) or len(value) != model.nactuator for value in of_axes):
+        return False
+    return isinstance(new.stiffness, float) or springs_have_axes(model)
 
 
 def geometry_factors(perturbations: Iterable[Perturbation]) -> dict[str, float]:
