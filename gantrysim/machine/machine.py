@@ -17,7 +17,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.display import picture_html
 from gantrysim.base.errors import InputError, check_type, expanded_path, unknown, wrong_type
 from gantrysim.base.input_files import check_regular
-from gantrysim.machine.axis import Axis, axis_table, element_index, perturbed_axes, read_axes, stated_geometry
+from gantrysim.machine.axis import Axis, axis_table, element_index, read_axes, stated_geometry
 from gantrysim.machine.axis_dynamics import motion_of, with_dynamics
 from gantrysim.machine.compiling import PhysicsModels, compile_mjcf, digest_of, without_visuals
 from gantrysim.machine.geometry import Geometry
@@ -31,6 +31,7 @@ from gantrysim.machine.perturbation import (
     geometry_factors,
     is_plain,
     perturbed_arrays,
+    perturbed_axes,
     perturbed_model,
 )
 from gantrysim.machine.posing import Posing, checked_position
@@ -163,6 +164,7 @@ class Machine:
         source: path of the MJCF.
         name: name of the MJCF file without the suffix.
         spec: the MJCF before compilation.
+        plain_axes: axes in the order of the actuators, without inertia and motion.
         addresses: indices of the axes in MuJoCo's arrays.
         drive_gain: delivered torque per torque demand; 1 unless a perturbation changes the motor constant, (axes,).
         nozzle, work: index of the site and index of the body.
@@ -202,7 +204,7 @@ class Machine:
         self._nominal: Machine | None = None
         axes, self.addresses = read_axes(physics)
         self.drive_gain: Floats = np.ones(len(axes))
-        self._plain_axes: tuple[Axis, ...] | None = axes
+        self.plain_axes = axes
         self._use(PhysicsModels(physics))
         self.kinematics = kinematics_of(physics, driven_joints(physics), self.nozzle, self.work)
         self._posing = Posing(physics, axes, self.addresses, self.kinematics, self.nozzle, self.work)
@@ -237,13 +239,6 @@ class Machine:
             with quiet():
                 self._axes = with_dynamics(self.physics, self.plain_axes, self.addresses, qpos, rates)
         return self._axes
-
-    @property
-    def plain_axes(self) -> tuple[Axis, ...]:
-        """The axes in the order of the actuators, without inertia and motion."""
-        if self._plain_axes is None:
-            self._plain_axes = perturbed_axes(self.arrays, self.nominal.plain_axes)
-        return self._plain_axes
 
     @property
     def axis_names(self) -> tuple[str, ...]:
@@ -343,12 +338,12 @@ class Machine:
         def changed_arrays() -> ModelArrays:
             return perturbed_arrays(models.arrays, perturbation, self.nominal.plain_axes, self.nozzle, self.work)
 
-        machine._plain_axes = None
+        machine.plain_axes = perturbed_axes(self.plain_axes, perturbation)
         machine._use(models.perturbed(changed_model, changed_arrays))
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
         if not is_plain(self.nominal.layout, machine._perturbations):
             # which checks it
-            _ = machine.plain_axes
+            _ = machine.arrays
         return machine
 
     def with_geometry(self, geometry: Geometry | None) -> Machine:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -35,6 +35,7 @@ from gantrysim.machine.motors import (
     wraps_of,
 )
 from gantrysim.machine.quiet import quiet
+from gantrysim.servo.axis_dynamics import Friction
 
 # one value for all axes, one per axis, or those of some axes by their names; these are kept as pairs
 PerAxis = float | tuple[float, ...] | Mapping[str, float] | tuple[tuple[str, float], ...]
@@ -144,6 +145,31 @@ def is_plain(model: mujoco.MjModel, perturbations: Sequence[Perturbation]) -> bo
     if any(_is_by_name(value) or len(value) != model.nactuator for value in of_axes):
         return False
     return isinstance(new.stiffness, float) or springs_have_axes(model)
+
+
+def perturbed_axes(axes: Sequence[Axis], perturbation: Perturbation) -> tuple[Axis, ...]:
+    """Return the axes of a perturbed machine; inertia and motion are those of before.
+
+    The current is limited, so the peak torque scales with the motor constant; all of LuGre friction scales but the
+    Stribeck speed, see `Perturbation`.
+    """
+    names = [axis.name for axis in axes]
+    of_axes = [perturbation.per_axis(name, names).tolist() for name in ("friction", "viscous", "motor_constant")]
+    perturbed = []
+    for axis, friction, viscous, constant in zip(axes, *of_axes, strict=True):
+        coulomb, static, stribeck, stiffness = axis.friction
+        perturbed.append(
+            replace(
+                axis,
+                motor_constant=constant * axis.motor_constant,
+                peak_torque=constant * axis.peak_torque,
+                coulomb=friction * axis.coulomb,
+                viscous=viscous * axis.viscous,
+                viscous_difference=viscous * axis.viscous_difference,
+                friction=Friction(friction * coulomb, friction * static, stribeck, friction * stiffness),
+            )
+        )
+    return tuple(perturbed)
 
 
 def geometry_factors(perturbations: Iterable[Perturbation]) -> dict[str, float]:

@@ -120,7 +120,7 @@ def test_a_warning_of_mujoco_in_one_simulation_stops_no_other(xy, servo):
     wild = xy.perturbed(Perturbation())
     wild.physics.jnt_limited[:] = 0
     wild.physics.opt.gravity[0] = 1e13  # an acceleration that MuJoCo calls bad
-    wild._plain_axes = tuple(
+    wild.plain_axes = tuple(
         dataclasses.replace(a, travel=(-math.inf, math.inf), declared_speed=math.inf) for a in xy.plain_axes
     )
     machines = [wild, xy, wild, xy, xy, wild]

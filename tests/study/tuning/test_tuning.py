@@ -432,7 +432,7 @@ def test_a_machine_that_cannot_run_the_job_is_refused_before_anything_is_written
     job = circle()
     study = tuning(job)
     slow = study.machines[1]
-    slow._plain_axes = tuple(dataclasses.replace(axis, declared_speed=50.0) for axis in slow.plain_axes)
+    slow.plain_axes = tuple(dataclasses.replace(axis, declared_speed=50.0) for axis in slow.plain_axes)
     with pytest.raises(InputError, match=r"speed of . = .* must be at most 50 mm/s"):
         run_study(study, tmp_path / "a", workers=1)
     assert not list(tmp_path.iterdir())
