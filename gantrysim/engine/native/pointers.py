@@ -82,6 +82,12 @@ def floats_at(address):
 
 
 @jit
+def rows_at(address, count, columns):
+    """Return the doubles at an address as rows, (count, columns)."""
+    return numba.carray(pointer(address, _FLOAT), (count, columns))
+
+
+@jit
 def row_at(address):
     """Return the row at an address, a view."""
     return numba.carray(pointer(address, _ROW), (1,))[0]
