@@ -345,8 +345,10 @@ class Setpoints(Shown):
                 s[-1] = path.length
             return s
 
+        progress = by_blocks(places, n + 1)
+
         def positions(block: slice) -> Floats:
-            s = places(block)
+            s = progress[block]
             if coordinates is not None:
                 return coordinates(s)
             # stacked, as NumPy copies short rows of a longer array much slower than columns
@@ -358,7 +360,7 @@ class Setpoints(Shown):
             position=by_blocks(positions, n + 1),
             dispense=np.ones(n + 1, bool),
             requested=path if requested is None else requested,
-            progress=by_blocks(places, n + 1) if requested is None else None,
+            progress=progress if requested is None else None,
         )
 
 
