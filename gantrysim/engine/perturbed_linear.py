@@ -10,16 +10,20 @@ in the factors of viscous friction and of stiffness. MuJoCo is read without a pe
 other factors are of motors, which are read from their parameters. That the sums hold is checked against `mj_step`.
 """
 
+# mypy: allow-untyped-calls, allow-untyped-decorators
+
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 from gantrysim.engine.linear import (
     Linear,
     Responses,
@@ -49,9 +53,7 @@ def linear_of(machine: Machine, timestep: float, voltage: bool) -> Linear | None
         voltage: see there.
     """
     # it moves where the springs rest, by which their stiffness is multiplied
-    moves_home = any(
-        perturbation.per_axis("home_offset", machine.axis_names).any() for perturbation in machine.perturbations
-    )
+    moves_home = any(perturbation.home_offset != 0.0 for perturbation in machine.perturbations)
     if machine.perturbations and not moves_home:
         family = family_of(machine.nominal, timestep, voltage)
         if family is not None:
@@ -95,25 +97,58 @@ class Family:
         of_springs = len(self.sums) - 2 - len(names)
         stiffness = factors["stiffness"][:of_springs]
         sizes = np.concatenate([[1.0, payload], factors["viscous"] - 1.0, stiffness - 1.0])
-        sums = np.tensordot(sizes, self.sums, 1)
-        passive = np.tensordot(sizes, self.passive, 1)
         plants = self.linear.plant.copy()
-        plant = plants[0]
-        m = len(names)
-        n = len(sums)
-        forces = np.eye(n)[:, plant["dof"][:m]]
-        solved = np.linalg.solve(sums[:, :n], np.concatenate([sums[:, n:], forces], axis=1))
-        plant["of_speed"][:n, :n] = solved[:, :n]
-        plant["of_place"][:n, :n] = solved[:, n : 2 * n]
-        plant["constant"][:n] = solved[:, 2 * n]
-        plant["push"][:n, :m] = solved[:, 2 * n + 1 :]
-        plant["passive_of_speed"][: 2 * m, :n] = passive[:, :n]
-        plant["passive_of_place"][: 2 * m, :n] = passive[:, n : 2 * n]
-        plant["passive_at_rest"][: 2 * m] = passive[:, 2 * n]
+        _fill(plants[0], sizes, self.sums, self.passive)
         for factor, numbers in _MULTIPLIED.items():
             for number in numbers:
-                plant[number][:m] *= factors[factor]
+                plants[number][0, : len(names)] *= factors[factor]
         return replace(self.linear, plant=plants)
+
+
+@jit
+def _fill(plant: Any, sizes: Floats, sums: Floats, passive: Floats) -> None:
+    """Write the mechanics of a perturbed machine.
+
+    Args:
+        plant: to be written, a record of `PLANT`.
+        sizes: of the effects, the first 1, (1 + effects,).
+        sums: as in `Family`.
+        passive: as in `Family`.
+    """
+    n = sums.shape[1]
+    m = plant.axes
+    # columns that follow from the sums, and one for the force of each axis
+    left = np.zeros((n, n))
+    right = np.zeros((n, 2 * n + 1 + m))
+    for k in range(len(sizes)):
+        for i in range(n):
+            for j in range(n):
+                left[i, j] += sizes[k] * sums[k, i, j]
+            for j in range(2 * n + 1):
+                right[i, j] += sizes[k] * sums[k, i, n + j]
+    for a in range(m):
+        right[plant.dof[a], 2 * n + 1 + a] = 1.0
+    solved = np.linalg.solve(left, right)
+    for i in range(n):
+        for j in range(n):
+            plant.of_speed[i, j] = solved[i, j]
+            plant.of_place[i, j] = solved[i, n + j]
+        plant.constant[i] = solved[i, 2 * n]
+        for a in range(m):
+            plant.push[i, a] = solved[i, 2 * n + 1 + a]
+    for line in range(2 * m):
+        for j in range(n):
+            speed = 0.0
+            place = 0.0
+            for k in range(len(sizes)):
+                speed += sizes[k] * passive[k, line, j]
+                place += sizes[k] * passive[k, line, n + j]
+            plant.passive_of_speed[line, j] = speed
+            plant.passive_of_place[line, j] = place
+        rest = 0.0
+        for k in range(len(sizes)):
+            rest += sizes[k] * passive[k, line, 2 * n]
+        plant.passive_at_rest[line] = rest
 
 
 @lru_cache(_KEPT)

@@ -24,7 +24,7 @@ from gantrysim.engine.native.plant import PLACE, STATE, loop
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.row import IN_MODEL, ROW, ROW_NUMBERS, Log
+from gantrysim.machine.row import IN_MODEL, NEVER, ROW, ROW_NUMBERS, Log
 from gantrysim.machine.travel import has_no_constraints_but_stops
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
@@ -70,7 +70,10 @@ class Places(ABC):
         self._userdata = userdata
         self._sent, self._ticks, self._faults = map(self.field, ("index", "ticks", "fault"))
         self._stops = self.field("stops")
+        self._steps = self.field("steps")
         self._plain = np.zeros(places, bool)
+        # physics step at which the model changes next
+        self._next_change = np.full(places, NEVER, np.int64)
         # whether drives or laws have a state
         self._stateful = np.zeros(places, bool)
         self._source = machine.source
@@ -96,6 +99,7 @@ class Places(ABC):
             self._loaded[place] = simulation
             self.runs[place] = Started.of(simulation, self._qpos(place), self._userdata[place])
             self._plain[place] = self.runs[place].plain
+            self._next_change[place] = self.runs[place].next_change
             self._stateful[place] = self.runs[place].has_state
 
     @abstractmethod
@@ -176,11 +180,23 @@ class Places(ABC):
             # one call, without a look at each run, which would take longer than all else that an agent's decision takes
             done = (self._sent >= self._ticks) | (self._faults != 0)
             running = stepped[~done[stepped]]
-            if running.size:
-                with self.hook():
-                    step_or_take_back(self, self.runs, steps, running)
-            return
+            self._pass_changes(running)
+            if (self._next_change[running] - self._steps[running] >= steps).all():
+                if running.size:
+                    with self.hook():
+                        step_or_take_back(self, self.runs, steps, running)
+                return
         advance(self, {place: self.runs[place] for place in stepped.tolist()}, steps, progress=progress)
+
+    def _pass_changes(self, numbers: Numbers) -> None:
+        """Go on with the later models that have begun at some places."""
+        for place in numbers[self._next_change[numbers] <= self._steps[numbers]].tolist():
+            run = self.runs[place]
+            self._next_change[place] = run.next_change
+            self._use_model(place, run.number_of_model)
+
+    def _use_model(self, place: int, number: int) -> None:  # noqa: B027  MuJoCo takes it at each step
+        """Step another model at a place, the one of a number in `Simulation.later`, counted from 1."""
 
     def observe(self, place: int, observer: int, argument: int) -> None:
         """Have a C function called within the simulation at a place, at its step "observer_step", see `field`.
@@ -300,8 +316,6 @@ class LoopPlaces(Places):
             array = self._state[name]
             self._table[name] = array.ctypes.data + array.strides[0] * np.arange(places)
         self._linear: dict[int, Linear] = {}
-        # whether the machine changes
-        self._later = np.zeros(places, bool)
         # of simulations that have reached a stop
         self._at_stops: dict[int, mujoco.MjData] = {}
         self._workers: ThreadPoolExecutor | None = None
@@ -311,7 +325,6 @@ class LoopPlaces(Places):
             if simulation.hindrance is not None:
                 raise GantryError(f"the compiled loop cannot step this simulation: {simulation.hindrance}")
             self._at_stops.pop(place, None)
-            self._later[place] = bool(simulation.later)
             self._take_machine(place, simulation.linear[0])
         self._state[list(simulations)] = np.zeros((), self._state.dtype)
 
@@ -319,6 +332,9 @@ class LoopPlaces(Places):
         assert linear is not None  # or else the simulation has a hindrance
         self._linear[place] = linear
         self._table["plant"][place] = linear.plant.ctypes.data
+
+    def _use_model(self, place: int, number: int) -> None:
+        self._take_machine(place, self.runs[place].simulation.linear[number])
 
     def _qpos(self, place: int) -> Floats:
         qpos: Floats = self._state["physics"]["place"][place, : self._dofs]
@@ -328,9 +344,7 @@ class LoopPlaces(Places):
         return signals.deferred()
 
     def step(self, steps: int, numbers: Numbers) -> None:
-        for place in numbers[self._later[numbers]].tolist():
-            run = self.runs[place]
-            self._take_machine(place, run.simulation.linear[run.number_of_model])
+        self._pass_changes(numbers)
         at_stops = self._stops[numbers] == IN_MODEL
         if self.beside is not None:
             self.beside()

@@ -78,27 +78,25 @@ class Start:
         return (ahead - behind) / (2 * _NEAR)
 
 
-def start_of(
-    machine: Machine, servo: Servo, setpoints: Setpoints, position: Floats, substeps: int, begin: Start | None = None
-) -> tuple[Floats, Floats]:
-    """Return qpos at the first setpoint, (nq,), and the servo's row as numbers, (ROW_NUMBERS,).
-
-    Args:
-        machine: the machine.
-        servo: the servo.
-        setpoints: the setpoints.
-        position: the same for all the machine's axes, kept alive by the caller, (n, axes) [mm or deg].
-        substeps: physics steps per servo period.
-        begin: state of the axes; None for rest at the first setpoint.
-    """
-    numbers = np.zeros(ROW_NUMBERS)
-    row = numbers.view(ROW)[0]
+def start_of(simulation: Simulation) -> tuple[Floats, Floats]:
+    """Return qpos at the first setpoint, (nq,), and the servo's row as numbers, (ROW_NUMBERS,)."""
+    machine = simulation.machine
+    servo = simulation.servo
+    position = simulation.position
+    if simulation.prepared is None:
+        numbers = np.zeros(ROW_NUMBERS)
+        row = numbers.view(ROW)[0]
+        row["substeps"] = simulation.substeps
+        row["delay"] = delay_steps(servo.delay, servo.period, simulation.substeps)
+        _fill(machine, servo, row)
+    else:
+        numbers = simulation.prepared.copy()
+        row = numbers.view(ROW)[0]
     row["ticks"] = len(position)
     row["setpoints"] = position.ctypes.data
-    row["substeps"] = substeps
-    row["delay"] = delay_steps(servo.delay, servo.period, substeps)
-    _fill(machine, servo, row)
-    _supervise(machine, setpoints, row)
+    _limit(machine, servo, row)
+    _supervise(machine, simulation.setpoints, row)
+    begin = simulation.begin
     if begin is None:
         return machine.to_qpos(position[0]), numbers
     row["demand_velocity"][: servo.axes] = begin.commanded_velocity
@@ -109,7 +107,7 @@ def start_of(
 
 
 def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
-    """Write the servo, its axes and where MuJoCo has them."""
+    """Write the servo, its axes and where MuJoCo has them, which perturbations of the machine do not change."""
     row["axes"] = servo.axes
     row["nozzle_site"] = machine.nozzle
     row["work_body"] = machine.work
@@ -118,14 +116,6 @@ def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
     row["following_error_limit"][: servo.axes] = servo.following_error_limit
     row["gains"][: servo.axes] = servo.gains
     row["notch"][: servo.axes] = servo.filters
-    # a demand beyond what the drive can give is clamped by the drive itself
-    peak = np.array([axis.peak_torque for axis in machine.plain_axes]) / machine.drive_gain
-    row["torque_limit"][: servo.axes] = np.minimum([drive.torque_limit for drive in servo.drives], peak)
-    for a, (axis, mode) in enumerate(zip(machine.plain_axes, servo.modes, strict=True)):
-        # the drives limit torques themselves
-        if mode != "torque":
-            row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
-    row["drive_gain"][: servo.axes] = machine.drive_gain
     for name, values in zip(("joint_at", "stop_low", "stop_high"), stops_of(machine.layout), strict=True):
         row[name][: servo.axes] = values
     joints = driven_joints(machine.layout)
@@ -136,8 +126,21 @@ def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
         row["load_at"][a] = machine.layout.jnt_qposadr[address.load] if address.load >= 0 else -1
         row["load_dof_at"][a] = machine.layout.jnt_dofadr[address.load] if address.load >= 0 else -1
         row["scale"][a] = axis.scale
-        row["speed_limit"][a] = axis.speed_limit
         row["low"][a], row["high"][a] = axis.travel
+
+
+def _limit(machine: Machine, servo: Servo, row: np.void) -> None:
+    """Write the limits of the drives and their gain."""
+    axes = servo.axes
+    # a demand beyond what the drive can give is clamped by the drive itself
+    peak = np.array([axis.peak_torque for axis in machine.plain_axes]) / machine.drive_gain
+    row["torque_limit"][:axes] = np.minimum([drive.torque_limit for drive in servo.drives], peak)
+    for a, (axis, mode) in enumerate(zip(machine.plain_axes, servo.modes, strict=True)):
+        # the drives limit torques themselves
+        if mode != "torque":
+            row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
+        row["speed_limit"][a] = axis.speed_limit
+    row["drive_gain"][:axes] = machine.drive_gain
 
 
 def _supervise(machine: Machine, setpoints: Setpoints, row: np.void) -> None:
@@ -180,6 +183,8 @@ class Simulation:
         laws: at their start, (axes,) of `LAW`; None where none acts in the tick.
         torque: sent with the setpoints, (n, axes) [N·m]; None for none.
         begin: state of the axes at the first setpoint; None for rest there.
+        prepared: the servo's row at the start of another simulation with this servo, on a perturbation of the same
+            machine, of which this one's is a copy; None for none.
     """
 
     machine: Machine
@@ -197,6 +202,7 @@ class Simulation:
     laws: NDArray[np.void] | None = None
     torque: Floats | None = None
     begin: Start | None = None
+    prepared: Floats | None = None
 
     @classmethod
     def of(
@@ -213,11 +219,8 @@ class Simulation:
         given = {"machine": machine, "servo": servo, "setpoints": setpoints, "dispenser": dispenser, "faults": faults}
         for name, value in given.items():
             check_argument(name, value)
-        setpoints = sent_setpoints(setpoints, servo.period)
-        for law in servo.laws.added:
-            setpoints = law.sent(servo.laws.by_name(), setpoints)
+        setpoints, position, torque = _sent(machine, servo, sent_setpoints(setpoints, servo.period))
         dispenser = checked_dispenser(dispenser, setpoints)
-        position = axis_positions(machine, setpoints)
         if not machine.kinematics.axes_are_coordinates:
             check_supervision(machine, setpoints.supervision)
             for law in servo.laws.added:
@@ -234,11 +237,6 @@ class Simulation:
         own_state = not faults and servo.laws.user is None
         stops = not (own_state and has_no_constraints_but_stops(machine.layout))
         drives = drive_entries(machine, servo, servo.period / substeps)
-        torque = axis_torques(machine, setpoints)
-        for law in servo.laws.added:
-            fed = law.torque(partial(_inverted_torques, servo), position)
-            if fed is not None:
-                torque = fed if torque is None else torque + fed
         checked = check_faults(faults, machine.name, machine.axis_names, setpoints.most_ticks * servo.period)
         simulation = cls(
             machine,
@@ -259,6 +257,36 @@ class Simulation:
             return simulation
         return replace(simulation, later=faulted_models(checked, machine, simulation.model, servo.period, substeps))
 
+    def with_program(self, machine: Machine, setpoints: Setpoints, dispenser: Dispenser) -> Simulation:
+        """Return the simulation of another program, by the same servo, on another perturbation of the machine.
+
+        It equals one of `of`, which takes several times as long: what does not depend on them is this one's.
+
+        Args:
+            machine: of the same MJCF as this one's.
+            setpoints: of the same period as this one's, without gates.
+            dispenser: of the glue.
+        """
+        # deliberate faults, and drives that are no plain ones, depend on the machine
+        if self.faults or self.drives is not None or not machine.kinematics.axes_are_coordinates:
+            physics_step = self.physics_step
+            return Simulation.of(
+                machine, self.servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=self.faults
+            )
+        setpoints, position, torque = _sent(machine, self.servo, setpoints)
+        dispenser = checked_dispenser(dispenser, setpoints)
+        _check_ticks(setpoints)
+        return replace(
+            self,
+            machine=machine,
+            setpoints=setpoints,
+            dispenser=dispenser,
+            position=position,
+            book=LogBook(machine, setpoints, position, dispenser),
+            torque=torque,
+            prepared=self.start[1],
+        )
+
     def with_torque(self, torque: Floats) -> Simulation:
         """Return the simulation with other torques sent with the setpoints, (n, axes) [N·m]."""
         return replace(
@@ -270,7 +298,7 @@ class Simulation:
     @cached_property
     def start(self) -> tuple[Floats, Floats]:
         """The machine's qpos at the first setpoint, and the servo's row before it is armed."""
-        return start_of(self.machine, self.servo, self.setpoints, self.position, self.substeps, self.begin)
+        return start_of(self)
 
     @property
     def physics_step(self) -> float:
@@ -332,6 +360,19 @@ def _check_servo(servo: Servo, machine: Machine, setpoints: Setpoints) -> None:
         raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.plain_axes)}")
     if abs(servo.period - setpoints.period) > 1e-12:
         raise InputError(f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s")
+
+
+def _sent(machine: Machine, servo: Servo, setpoints: Setpoints) -> tuple[Setpoints, Floats, Floats | None]:
+    """Return the setpoints as the laws send them, the positions of the axes, and the torques sent with them or None."""
+    for law in servo.laws.added:
+        setpoints = law.sent(servo.laws.by_name(), setpoints)
+    position = axis_positions(machine, setpoints)
+    torque = axis_torques(machine, setpoints)
+    for law in servo.laws.added:
+        fed = law.torque(partial(_inverted_torques, servo), position)
+        if fed is not None:
+            torque = fed if torque is None else torque + fed
+    return setpoints, position, torque
 
 
 def _inverted_torques(servo: Servo, position: Floats) -> Floats:

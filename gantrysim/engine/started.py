@@ -133,17 +133,20 @@ class Started:
                 part[:] = before
 
     @property
+    def next_change(self) -> int:
+        """The physics step at which the model changes next, large if it does not."""
+        steps = self.steps
+        return min((change.step for change in self.simulation.later if change.step > steps), default=NEVER)
+
+    @property
     def steps_of_model(self) -> int:
         """Number of physics steps until the model changes, large if it does not."""
-        if not self.simulation.later:
-            return NEVER
-        steps = self.steps
-        return min((change.step - steps for change in self.simulation.later if change.step > steps), default=NEVER)
+        return self.next_change - self.steps
 
     @property
     def plain(self) -> bool:
-        """Whether nothing but MuJoCo and the compiled servo has to act until the run is done."""
-        return self.user_law is None and not self.simulation.later and self.simulation.book.whole
+        """Whether nothing but MuJoCo and the compiled servo has to act until its model changes or it is done."""
+        return self.user_law is None and self.simulation.book.whole
 
     @property
     def done(self) -> bool:

@@ -89,7 +89,7 @@ class DrawnAhead:
         random.bit_generator.state = before
         episode = self._source.draw(random)
         # computed here, for the thread that steps not to
-        _ = episode.simulation.start, episode.simulation.hindrance
+        _ = episode.simulation.start, episode.simulation.hindrance, episode.table
         if self._source.looks_ahead:
             episode.look.prepare()
         return episode, random.bit_generator.state

@@ -62,17 +62,25 @@ class Episode:
 
     Attributes:
         simulation: its setpoints on its machine.
-        table: points along the requested path.
-        look: ahead along the path.
+        plan: path of the episode.
         progress: arc length for which each setpoint stands, (n,) [mm].
         drawn: values drawn for the path and the machine, by name.
     """
 
     simulation: Simulation
-    table: Table
-    look: LookAhead
+    plan: Plan
     progress: Floats
     drawn: dict[str, float]
+
+    @property
+    def table(self) -> Table:
+        """Points along the requested path."""
+        return self.plan.setpoints.requested.table
+
+    @property
+    def look(self) -> LookAhead:
+        """Look-ahead along the path."""
+        return self.plan.look
 
 
 class Chosen(NamedTuple):
@@ -146,6 +154,8 @@ class Source:
         self._machine_ranges = machine_ranges(self._machine_columns, self.values, settings.ranges)
         asks = self.servo.laws.user is not None or (self._job is not None and self._job.faults)
         self.engine: Engine = "mujoco" if asks else settings.engine
+        # a simulation, whose servo and drives are those of all
+        self._first: Simulation | None = None
         self._fixed = None if self._job is None else Plan(self._job.setpoints, self._job.dispenser, {})
         if self._job is None:
             self._check_room()
@@ -196,20 +206,22 @@ class Source:
             tip = machine.tip(axis_positions(machine, setpoints))
             progress = assigned_progress(setpoints.requested, tip)
         drawn_values = {**plan.drawn, **values, **task}
-        return Episode(simulation, plan.setpoints.requested.table, plan.look, progress, drawn_values)
+        return Episode(simulation, plan, progress, drawn_values)
 
     def _perturbed_machine(self, values: Mapping[str, float]) -> Machine:
         return self.machine.perturbed(Tolerances.perturbation(values, self.machine))
 
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
-        return Simulation.of(
-            machine,
-            self.servo,
-            plan.setpoints,
-            physics_step=None if self._job is None else self._job.simulation.physics_step,
-            dispenser=plan.dispenser,
-            faults=() if self._job is None else self._job.faults,
-        )
+        if self._first is None:
+            self._first = Simulation.of(
+                machine,
+                self.servo,
+                plan.setpoints,
+                physics_step=None if self._job is None else self._job.simulation.physics_step,
+                dispenser=plan.dispenser,
+                faults=() if self._job is None else self._job.faults,
+            )
+        return self._first.with_program(machine, plan.setpoints, plan.dispenser)
 
     def _chosen(
         self, spiral: dict[str, float], machine: dict[str, float], chosen: Chosen

@@ -11,10 +11,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, read_only_view
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
 from gantrysim.engine.injection import Change
+from gantrysim.engine.native.pointers import log_of, row_at, rows_at
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
 from gantrysim.env.settings import PathSettings
@@ -80,21 +81,25 @@ def model_torques(axes: tuple[Axis, ...], position: Floats, period: float) -> tu
         position: setpoints, (n, axes) [mm or deg].
         period: servo period [s].
     """
-    velocity = np.diff(position, axis=0, prepend=position[:1]) / period
-    acceleration = np.diff(velocity, axis=0, prepend=velocity[:1]) / period
-    inertia, viscous = np.array([(axis.inertia, axis.viscous) for axis in axes]).T
-    sliding = np.zeros(position.shape)
-    for a, axis in enumerate(axes):
-        _fill(velocity[:, a].copy(), period, tuple(axis.friction), sliding[:, a])
-    return sliding, inertia * acceleration + viscous * velocity
+    parameters = np.array([(*axis.friction, axis.inertia, axis.viscous) for axis in axes])
+    sliding = np.empty(position.shape)
+    moving = np.empty(position.shape)
+    _fill(read_only_view(position), period, parameters, sliding, moving)
+    return sliding, moving
 
 
 @jit
-def _fill(velocity: Floats, period: float, friction: tuple[float, ...], torque: Floats) -> None:
-    last = 0.0
-    for k in range(velocity.size):
-        last = _friction_torque(last, velocity[k], velocity[k] * period, friction)
-        torque[k] = last
+def _fill(position: Floats, period: float, parameters: Floats, sliding: Floats, moving: Floats) -> None:
+    for a in range(position.shape[1]):
+        friction = (parameters[a, 0], parameters[a, 1], parameters[a, 2], parameters[a, 3])
+        last = 0.0
+        before = 0.0
+        for k in range(len(position)):
+            velocity = (position[k, a] - position[max(k - 1, 0), a]) / period
+            last = _friction_torque(last, velocity, velocity * period, friction)
+            sliding[k, a] = last
+            moving[k, a] = parameters[a, 4] * ((velocity - before) / period) + parameters[a, 5] * velocity
+            before = velocity
 
 
 @jit
@@ -144,3 +149,92 @@ def next_means(position: Floats, sliding: Floats, ticks: tuple[int, int], step: 
             torque += sliding[tick, a]
         step[a] = way / count
         friction[a] = torque / count
+
+
+# torques of a place of a batch, with the addresses of arrays, (n, axes) each [N·m]
+TORQUES = np.dtype(
+    [
+        ("row", np.int64),  # address of the servo's row
+        ("sliding", np.int64),  # of the nominal friction
+        ("moving", np.int64),  # of inertia and viscous friction
+        ("given", np.int64),  # sent with the setpoints without an agent
+        ("sent", np.int64),  # sent with the setpoints
+    ]
+)
+
+
+@jit
+def send_torques(
+    places: NDArray[np.intp], torques: NDArray[np.void], firsts: NDArray[np.int64], count: int, level: Floats
+) -> None:
+    """Write the torques that are sent with the next setpoints at places of a batch.
+
+    Args:
+        places: numbers of the places.
+        torques: of the batch, of `TORQUES`.
+        firsts: number of the next setpoint at each place of the batch.
+        count: number of setpoints.
+        level: factor on the torque of the nominal friction, (places of the batch, axes).
+    """
+    for place in places:
+        here = torques[place]
+        row = row_at(here.row)
+        sliding = rows_at(here.sliding, row.ticks, row.axes)
+        given = rows_at(here.given, row.ticks, row.axes)
+        sent = rows_at(here.sent, row.ticks, row.axes)
+        for k in range(firsts[place], min(firsts[place] + count, row.ticks)):
+            for a in range(row.axes):
+                sent[k, a] = given[k, a] + level[place, a] * sliding[k, a]
+
+
+@jit
+def fit_at_places(
+    places: NDArray[np.intp],
+    ticks: tuple[NDArray[np.int64], NDArray[np.int64]],
+    torques: NDArray[np.void],
+    forget: float,
+    sums: NDArray[np.void],
+) -> None:
+    """Estimate the level of the friction at places of a batch, see `fit`.
+
+    Args:
+        places: numbers of the places, (n,).
+        ticks: the first at each of them, and the one after the last, (n,) each.
+        torques: of the batch, of `TORQUES`.
+        forget: as of one place.
+        sums: of the batch, (places of the batch, axes) of `SUMS`.
+    """
+    firsts, lasts = ticks
+    for k in range(len(places)):
+        here = torques[places[k]]
+        row = row_at(here.row)
+        sliding = rows_at(here.sliding, row.ticks, row.axes)
+        moving = rows_at(here.moving, row.ticks, row.axes)
+        fit(log_of(row), (firsts[k], lasts[k]), sliding, moving, forget, sums[places[k]])
+
+
+@jit
+def next_means_at_places(
+    places: NDArray[np.intp],
+    firsts: NDArray[np.int64],
+    count: int,
+    torques: NDArray[np.void],
+    step: Floats,
+    friction: Floats,
+) -> None:
+    """Write the means over the next ticks at places of a batch, see `next_means`.
+
+    Args:
+        places: numbers of the places, (n,).
+        firsts: number of the next setpoint at each place of the batch.
+        count: number of ticks.
+        torques: of the batch, of `TORQUES`.
+        step: of the batch, (places of the batch, axes).
+        friction: likewise.
+    """
+    for place in places:
+        here = torques[place]
+        row = row_at(here.row)
+        position = rows_at(row.setpoints, row.ticks, row.axes)
+        sliding = rows_at(here.sliding, row.ticks, row.axes)
+        next_means(position, sliding, (firsts[place], count), step[place], friction[place])

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
+from gantrysim.engine.native.pointers import log_of, row_at, rows_at
 from gantrysim.env.friction import Changing
 from gantrysim.env.ranges import NOT_NEGATIVE, RandomValue
 from gantrysim.machine.perturbation import Perturbation
@@ -112,6 +113,69 @@ def fit(
             total.FF = forget * total.FF + f * f
             total.JD = forget * total.JD + j * d
             total.FD = forget * total.FD + f * d
+
+
+# motion of a place of a batch, with the addresses of arrays
+MOTIONS = np.dtype(
+    [
+        ("row", np.int64),  # address of the servo's row
+        ("sliding", np.int64),  # address of the torques of `Motion`
+        ("moved", np.int64),  # address of its steps
+    ]
+)
+
+
+@jit
+def fit_at_places(
+    places: NDArray[np.intp],
+    ticks: tuple[NDArray[np.int64], NDArray[np.int64]],
+    motions: NDArray[np.void],
+    nominal: Nominal,
+    decay: Decay,
+    sums: NDArray[np.void],
+) -> None:
+    """Add ticks to the least squares at places of a batch, see `fit`.
+
+    Args:
+        places: numbers of the places, (n,).
+        ticks: the first at each of them, and the one after the last, (n,) each.
+        motions: of the batch, of `MOTIONS`.
+        nominal: as of one place.
+        decay: as of one place.
+        sums: of the batch, (places of the batch, axes) of `SUMS`.
+    """
+    firsts, lasts = ticks
+    for k in range(len(places)):
+        here = motions[places[k]]
+        row = row_at(here.row)
+        motion = Motion(rows_at(here.sliding, row.ticks, row.axes), rows_at(here.moved, row.ticks, row.axes))
+        fit(log_of(row), (firsts[k], lasts[k]), motion, nominal, decay, sums[places[k]])
+
+
+@jit
+def next_motion_at_places(
+    places: NDArray[np.intp],
+    firsts: NDArray[np.int64],
+    interval: tuple[int, float],
+    motions: NDArray[np.void],
+    velocity: Floats,
+    acceleration: Floats,
+) -> None:
+    """Write the mean velocity and acceleration over the next ticks at places of a batch, see `next_motion`.
+
+    Args:
+        places: numbers of the places, (n,).
+        firsts: number of the next setpoint at each place of the batch.
+        interval: number of ticks, and the servo period [s].
+        motions: of the batch, of `MOTIONS`.
+        velocity: of the batch, (places of the batch, axes).
+        acceleration: likewise.
+    """
+    count, period = interval
+    for place in places:
+        row = row_at(motions[place].row)
+        position = rows_at(row.setpoints, row.ticks, row.axes)
+        next_motion(position, (firsts[place], count), period, velocity[place], acceleration[place])
 
 
 def ratios(sums: NDArray[np.void]) -> tuple[Floats, Floats]:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
+from gantrysim.engine.native.pointers import floats_at
 from gantrysim.env.decision import Entry
 
 _DIRECTION_POINTS = 8  # points over which the direction of the path is taken
@@ -61,7 +62,7 @@ class LookAhead:
     An axis reverses where its coordinate of the path's direction changes its sign.
 
     Args:
-        points: along the path, (m, 3) [mm].
+        points: along the path, (m, 3), by columns [mm].
     """
 
     points: Floats
@@ -72,22 +73,24 @@ class LookAhead:
         return _arc_lengths(self.points)
 
     @cached_property
-    def curvature(self) -> Floats:
-        """Curvature in the XY plane at the points, positive to the left, (m,) [1/mm].
-
-        It is the slope of the heading, the direction from one point to the eighth after it, at the middle of the two;
-        before the first middle and after the last it is constant.
-        """
-        return _curvatures(self.points, self.s)
-
-    @cached_property
     def reversals(self) -> Floats:
         """Arc lengths at which an axis reverses, (k,) [mm]."""
         return np.unique(_reversals(self.points, self.s))
 
+    def curvature(self, s: ArrayLike) -> Floats:
+        """Return the curvature in the XY plane, positive to the left, of the shape of s [1/mm].
+
+        It is the slope of the heading, the direction from one point to the eighth after it, at the middle of the two;
+        before the first middle and after the last it is constant. Between the points it is interpolated.
+        """
+        place = np.asarray(s, float)
+        x, y, _ = self.points.T
+        curvature: Floats = np.array([_curvature_at(x, y, self.s, here) for here in place.ravel()])
+        return curvature.reshape(place.shape)
+
     def prepare(self) -> None:
         """Compute all of it, which is then remembered."""
-        _ = self.s, self.curvature, self.reversals
+        _ = self.s, self.reversals
 
     def to_reversal(self, s: ArrayLike) -> tuple[Floats, Floats]:
         """Return the distances to the next reversal and since the last, of the shape of s, inf without one [mm]."""
@@ -109,28 +112,70 @@ def _arc_lengths(points: Floats) -> Floats:
 
 
 @jit
-def _curvatures(points: Floats, s: Floats) -> Floats:
-    count = len(points) - _DIRECTION_POINTS
-    middle = 0.5 * (s[_DIRECTION_POINTS:] + s[:count])
-    heading = np.empty(count)
-    for k in range(count):
-        x = points[k + _DIRECTION_POINTS, 0] - points[k, 0]
-        y = points[k + _DIRECTION_POINTS, 1] - points[k, 1]
-        heading[k] = np.arctan2(y, x)
-        if k > 0:
-            # without jumps of whole turns
-            heading[k] -= 2.0 * np.pi * np.rint((heading[k] - heading[k - 1]) / (2.0 * np.pi))
-    slope = np.empty(count)
-    slope[0] = (heading[1] - heading[0]) / (middle[1] - middle[0])
-    slope[-1] = (heading[-1] - heading[-2]) / (middle[-1] - middle[-2])
-    for k in range(1, count - 1):
-        # of the parabola through three points
-        before = middle[k] - middle[k - 1]
-        after = middle[k + 1] - middle[k]
-        slope_before = (heading[k] - heading[k - 1]) / before
-        slope_after = (heading[k + 1] - heading[k]) / after
-        slope[k] = (after * slope_before + before * slope_after) / (before + after)
-    return np.interp(s, middle, slope)
+def _curvature_at(x: Floats, y: Floats, s: Floats, place: float) -> float:
+    """Return the curvature at an arc length, between the points around it."""
+    last = len(s) - 1
+    if place <= s[0]:
+        return _curvature_of(x, y, s, 0)
+    if place >= s[last]:
+        return _curvature_of(x, y, s, last)
+    k = int(np.searchsorted(s, place, "right")) - 1
+    before = _curvature_of(x, y, s, k)
+    after = _curvature_of(x, y, s, k + 1)
+    return before + (after - before) * (place - s[k]) / (s[k + 1] - s[k])
+
+
+@jit
+def _curvature_of(x: Floats, y: Floats, s: Floats, point: int) -> float:
+    """Return the curvature at a point, interpolated between the middles before and after it."""
+    place = s[point]
+    last = len(s) - _DIRECTION_POINTS - 1
+    if place <= _middle(s, 0):
+        return _slope(x, y, s, 0)
+    if place >= _middle(s, last):
+        return _slope(x, y, s, last)
+    # evenly spaced points have their middle four points before them
+    k = min(max(point - _DIRECTION_POINTS // 2, 0), last - 1)
+    while _middle(s, k) > place:
+        k -= 1
+    while _middle(s, k + 1) <= place:
+        k += 1
+    share = (place - _middle(s, k)) / (_middle(s, k + 1) - _middle(s, k))
+    before = _slope(x, y, s, k)
+    return before + share * (_slope(x, y, s, k + 1) - before)
+
+
+@jit
+def _middle(s: Floats, k: int) -> float:
+    """Return the arc length between a point and the eighth after it."""
+    return 0.5 * (s[k] + s[k + _DIRECTION_POINTS])
+
+
+@jit
+def _slope(x: Floats, y: Floats, s: Floats, k: int) -> float:
+    """Return the slope of the heading at a middle, that of the parabola through three of them."""
+    last = len(s) - _DIRECTION_POINTS - 1
+    if k == 0:
+        return _turned(x, y, 0) / (_middle(s, 1) - _middle(s, 0))
+    if k == last:
+        return _turned(x, y, k - 1) / (_middle(s, k) - _middle(s, k - 1))
+    before = _middle(s, k) - _middle(s, k - 1)
+    after = _middle(s, k + 1) - _middle(s, k)
+    slope_before = _turned(x, y, k - 1) / before
+    slope_after = _turned(x, y, k) / after
+    return (after * slope_before + before * slope_after) / (before + after)
+
+
+@jit
+def _turned(x: Floats, y: Floats, k: int) -> float:
+    """Return by how much the heading turns from one point to the next, at most half a turn."""
+    turned = _heading(x, y, k + 1) - _heading(x, y, k)
+    return turned - 2.0 * np.pi * np.rint(turned / (2.0 * np.pi))
+
+
+@jit
+def _heading(x: Floats, y: Floats, k: int) -> float:
+    return np.arctan2(y[k + _DIRECTION_POINTS] - y[k], x[k + _DIRECTION_POINTS] - x[k])
 
 
 @jit
@@ -142,14 +187,14 @@ def _reversals(points: Floats, s: Floats) -> Floats:
         direction = 0.0
         end = 0
         for k in range(1, len(points)):
-            step = np.sign(points[k, axis] - points[k - 1, axis])
+            step = points[k, axis] - points[k - 1, axis]
             if step == 0.0:
                 continue
-            if step == -direction:
+            if step * direction < 0.0:
                 # where the last step in the other direction has ended
                 reversals[count] = s[end]
                 count += 1
-            direction = step
+            direction = 1.0 if step > 0.0 else -1.0
             end = k
     return reversals[:count]
 
@@ -232,6 +277,18 @@ def ahead_entries(speeds: Mapping[str, str]) -> list[Entry]:
     ]
 
 
+# what lies ahead at a place, with the addresses of its arrays
+_AHEAD = np.dtype(
+    [
+        ("points", np.int64),  # along the path, (count, 3), by columns [mm]
+        ("s", np.int64),  # arc lengths of the points, (count,) [mm]
+        ("count", np.int64),
+        ("reversals", np.int64),  # arc lengths at which an axis reverses, (turns,) [mm]
+        ("turns", np.int64),
+    ]
+)
+
+
 class PathsAhead:
     """What lies ahead at several places, each on a path of its own.
 
@@ -240,19 +297,26 @@ class PathsAhead:
     """
 
     def __init__(self, places: int) -> None:
-        self._s = Rows(places)
-        self._curvature = Rows(places)
-        self._reversals = Rows(places)
+        self._ahead = np.zeros(places, _AHEAD)
+        # kept alive, as there are addresses of their arrays
+        self._looks: list[LookAhead | None] = [None] * places
 
     def put(self, place: int, look: LookAhead) -> None:
         """Put a path into a place."""
-        self._s.put(place, look.s)
-        self._curvature.put(place, look.curvature)
-        self._reversals.put(place, look.reversals)
+        points = np.asfortranarray(look.points)
+        self._looks[place] = look if points is look.points else LookAhead(points)
+        ahead = self._ahead[place]
+        ahead["points"] = points.ctypes.data
+        ahead["s"] = look.s.ctypes.data
+        ahead["count"] = len(look.s)
+        ahead["reversals"] = look.reversals.ctypes.data
+        ahead["turns"] = len(look.reversals)
 
     def s(self, feet: NDArray[np.int64]) -> Floats:
-        """Return the arc lengths of points of the paths, by their numbers, (places,) [mm]."""
-        return self._s.at(np.maximum(feet, 0))
+        """Return the arc lengths of points of the paths, by their numbers, 0 without a path, (places,) [mm]."""
+        s = np.zeros(len(feet))
+        _find_s(self._ahead, feet, s)
+        return s
 
     def to_reversal(self, s: Floats) -> Floats:
         """Return the distances to the next reversal of an axis and since the last, inf without one, (places, 2) [mm].
@@ -261,7 +325,7 @@ class PathsAhead:
             s: arc lengths of the nozzle, (places,) [mm].
         """
         distances = np.empty((len(s), 2))
-        _find_reversals(self._reversals.values, self._reversals.counts, s, distances)
+        _find_reversals(self._ahead, s, distances)
         return distances
 
     def values(self, s: Floats, speeds: Sequence[Floats]) -> Floats:
@@ -272,8 +336,8 @@ class PathsAhead:
             speeds: as in `ahead_entries`, (places,) each [mm/s].
         """
         curvature = np.zeros((len(s), len(_PLACES)))
-        _find_curvatures(self._s.values, self._curvature.values, self._s.counts, s, curvature)
-        has_path = self._s.counts > 0
+        _find_curvatures(self._ahead, s, curvature)
+        has_path = self._ahead["count"] > 0
         reversal = np.where(has_path[:, None], self.to_reversal(s) / _REVERSAL, 0.0)
         speed = np.where(has_path[:, None], np.column_stack(speeds), 0.0)
         return np.concatenate(
@@ -290,20 +354,34 @@ _PLACES = np.array([0.0, *AHEAD])  # where the curvature is observed, ahead of t
 
 
 @jit
-def _find_curvatures(s: Floats, curvature: Floats, counts: NDArray[np.int64], nozzle: Floats, ahead: Floats) -> None:
-    """Write the curvatures at the nozzle and ahead of it, (places, distances) [1/mm]."""
-    for place in range(len(nozzle)):
-        count = counts[place]
-        if count:
-            ahead[place] = np.interp(nozzle[place] + _PLACES, s[place, :count], curvature[place, :count])
+def _find_s(ahead: NDArray[np.void], feet: NDArray[np.int64], s: Floats) -> None:
+    """Write the arc lengths of points, (places,) [mm]."""
+    for place in range(len(feet)):
+        if ahead[place].count:
+            s[place] = floats_at(ahead[place].s)[max(feet[place], 0)]
 
 
 @jit
-def _find_reversals(reversals: Floats, counts: NDArray[np.int64], nozzle: Floats, distances: Floats) -> None:
+def _find_curvatures(ahead: NDArray[np.void], nozzle: Floats, curvature: Floats) -> None:
+    """Write the curvatures at the nozzle and ahead of it, (places, distances) [1/mm]."""
+    for place in range(len(nozzle)):
+        count = ahead[place].count
+        if count:
+            points = floats_at(ahead[place].points)
+            x = points[:count]
+            y = points[count : 2 * count]
+            s = floats_at(ahead[place].s)[:count]
+            for k in range(len(_PLACES)):
+                curvature[place, k] = _curvature_at(x, y, s, nozzle[place] + _PLACES[k])
+
+
+@jit
+def _find_reversals(ahead: NDArray[np.void], nozzle: Floats, distances: Floats) -> None:
     """Write the distances to the next reversal and since the last, inf without one, (places, 2) [mm]."""
     for place in range(len(nozzle)):
         s = nozzle[place]
-        count = counts[place]
-        after = np.searchsorted(reversals[place, :count], s, "right")
-        distances[place, 0] = reversals[place, after] - s if after < count else np.inf
-        distances[place, 1] = s - reversals[place, after - 1] if after > 0 else np.inf
+        count = ahead[place].turns
+        reversals = floats_at(ahead[place].reversals)[:count]
+        after = np.searchsorted(reversals, s, "right")
+        distances[place, 0] = reversals[after] - s if after < count else np.inf
+        distances[place, 1] = s - reversals[after - 1] if after > 0 else np.inf

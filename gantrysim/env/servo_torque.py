@@ -10,12 +10,21 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.decision import Entry, Outcome
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
-from gantrysim.env.friction import SUMS, ChangingFriction, fit, model_torques, next_means
+from gantrysim.env.friction import (
+    SUMS,
+    TORQUES,
+    ChangingFriction,
+    fit_at_places,
+    model_torques,
+    next_means_at_places,
+    send_torques,
+)
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
@@ -105,10 +114,10 @@ class ServoTorqueBatch(EpisodeBatch):
         self._decisions = np.zeros(places)  # of the episode
         # of these, those after which the nozzle was out of tolerance
         self._outside = np.zeros(places)
-        self._sliding = [np.zeros((1, len(axes)))] * places
-        self._moving = [np.zeros((1, len(axes)))] * places
-        # torques sent with the setpoints without an agent
-        self._given = [np.zeros((1, len(axes)))] * places
+        # torques by their addresses, and the arrays, kept alive: of friction, of motion, and given
+        self._torques = np.zeros(places, TORQUES)
+        self._torques["row"] = [self._batch.address(place) for place in range(places)]
+        self._arrays: list[tuple[Floats, ...]] = [()] * places
         # means until the next decision: of the motion in a tick [mm or deg], and of the nominal friction torque [N·m]
         self._next_step = np.zeros((places, len(axes)))
         self._next_sliding = np.zeros((places, len(axes)))
@@ -150,7 +159,7 @@ class ServoTorqueBatch(EpisodeBatch):
         simulation = episode.simulation
         axes = self.source.machine.axes
         period = self.source.servo.period
-        self._sliding[place], self._moving[place] = model_torques(axes, simulation.position, period)
+        sliding, moving = model_torques(axes, simulation.position, period)
         self._sums["numerator"][place] = self._prior
         self._sums["denominator"][place] = self._prior
         self._error[place] = 0.0
@@ -158,31 +167,27 @@ class ServoTorqueBatch(EpisodeBatch):
         self._outside[place] = 0.0
         self._level[place] = self.settings.level
         assert simulation.torque is not None
-        self._given[place] = simulation.torque.copy()
+        given = simulation.torque.copy()
+        self._arrays[place] = sliding, moving, given
+        torques = self._torques[place]
+        torques["sliding"] = sliding.ctypes.data
+        torques["moving"] = moving.ctypes.data
+        torques["given"] = given.ctypes.data
+        torques["sent"] = simulation.torque.ctypes.data
 
     def _act(self, places: Sequence[int]) -> None:
         settings = self.settings
         interval = self.source.ticks or 1
         moved = self._level[places] + settings.step * self._action[places]
         self._level[places] = np.clip(moved, 0.0, settings.highest)
-        for place in places:
-            torque = self._episode(place).simulation.torque
-            sent = int(self._sent[place])
-            assert torque is not None
-            until = slice(sent, sent + interval)
-            torque[until] = self._given[place][until] + self._level[place] * self._sliding[place][until]
+        send_torques(np.array(places), self._torques, self._sent, interval, self._level)
 
     def _follow(self, places: NDArray[np.intp], firsts: NDArray[np.int64], lasts: NDArray[np.int64]) -> None:
-        for place, first, last in zip(places.tolist(), firsts.tolist(), lasts.tolist(), strict=True):
-            self._follow_place(place, first, last)
-
-    def _follow_place(self, place: int, first: int, last: int) -> None:
         """Fit the friction to some ticks, and look ahead to the next decision."""
-        log = self._episode(place).simulation.log
-        fit(log, (first, last), self._sliding[place], self._moving[place], self._forget, self._sums[place])
-        position = self._episode(place).simulation.position
-        ticks = (int(self._sent[place]), self.source.ticks or 1)
-        next_means(position, self._sliding[place], ticks, self._next_step[place], self._next_sliding[place])
+        torques = self._torques
+        fit_at_places(places, (firsts, lasts), torques, self._forget, self._sums)
+        count = self.source.ticks or 1
+        next_means_at_places(places, self._sent, count, torques, self._next_step, self._next_sliding)
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
         self._error[mask] = self.measured.following_mean[mask]

@@ -25,7 +25,7 @@ from gantrysim.env.friction import ChangingFriction
 from gantrysim.env.look_ahead import PathsAhead, ahead_entries
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
-from gantrysim.env.track import Commanded, Track, Tracks, command
+from gantrysim.env.track import Commanded, Track, Tracks, command, write_setpoints
 from gantrysim.env.vector import PathVectorEnv
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
@@ -108,8 +108,12 @@ class SpeedOverrideSource(ChangingFriction):
 
     def episode(self, drawn: Mapping[str, float]) -> TrackedEpisode:
         episode = super().episode(drawn)
-        asked = episode.simulation.setpoints
-        track = Track.of(self.machine, asked, episode.progress) if self._job is None else self._job_track
+        if self._job is None:
+            asked = episode.plan.setpoints
+            assert asked.progress is not None
+            track = Track.of(self.machine, asked, asked.progress)
+        else:
+            track = self._job_track
         values = {field.name: getattr(episode, field.name) for field in fields(episode)}
         return TrackedEpisode(**values, track=track)
 
@@ -122,37 +126,22 @@ class SpeedOverrideSource(ChangingFriction):
                 "in x, y and z, as the speed along its path must not be bound by axes that turn the work"
             )
         # checks travel, and the speed of the program
-        super()._simulation(machine, plan)
+        checked = super()._simulation(machine, plan)
         count = self._room(asked.requested.length, self.program_speed(plan.drawn))
-        setpoints = Setpoints(
-            period=self.servo.period,
-            axes=asked.axes,
-            position=np.repeat(asked.position[:1], count, axis=0),
-            dispense=np.ones(count, bool),
-            requested=asked.requested,
-            progress=np.zeros(count),
+        setpoints = Setpoints.unwritten(asked, count)
+        same_axes = setpoints.axes == machine.axis_names
+        position = setpoints.position if same_axes else np.zeros((count, checked.position.shape[1]))
+        position[0] = checked.position[0]
+        dispenser = Dispenser(area=_BEAD)
+        return replace(
+            checked,
+            setpoints=setpoints,
+            dispenser=dispenser,
+            position=position,
+            book=LogBook(machine, setpoints, position, dispenser, checked.faults, checked.drives),
+            # a machine at rest needs none
+            torque=None if checked.torque is None else np.zeros_like(position),
         )
-        job = self._job
-        simulation = Simulation.of(
-            machine,
-            self.servo,
-            setpoints,
-            physics_step=None if job is None else job.simulation.physics_step,
-            dispenser=Dispenser(area=_BEAD),
-            faults=() if job is None else job.faults,
-        )
-        # to be written as the episode goes on
-        position = simulation.position.copy()
-        simulation.setpoints.dispense.flags.writeable = True
-        book = LogBook(
-            machine,
-            simulation.setpoints,
-            position,
-            simulation.dispenser,
-            faults=simulation.faults,
-            drives=simulation.drives,
-        )
-        return replace(simulation, position=position, book=book)
 
     def _room(self, length: float, speed: float) -> int:
         """Return the number of setpoints of the longest episode, a multiple of those of an interval."""
@@ -245,6 +234,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         self._commanded_s = self._commanded.s
         self._commanded_speed = self._commanded.speed
         self._tracks = Tracks.empty(places, self._axes)
+        self._rows = np.array([self._batch.address(place) for place in range(places)])
         self._written = np.zeros(places, np.int64)  # setpoints
         self._time = np.zeros(places)  # of the episode [s]
         # share of the path out of tolerance
@@ -281,8 +271,7 @@ class SpeedOverrideBatch(EpisodeBatch):
     def _reset(self, place: int, episode: Episode) -> None:
         assert isinstance(episode, TrackedEpisode)
         self._tracks = self._tracks.with_track(place, episode.track)
-        # to be written as the episode goes on, as its positions are
-        super()._reset(place, replace(episode, progress=np.zeros(len(episode.progress))))
+        super()._reset(place, episode)
         self._override[place] = math.log(self.settings.override)
         self._commanded_s[place] = 0.0
         self._commanded_speed[place] = 0.0
@@ -306,13 +295,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         limits = (settings.acceleration, self.source.servo.period)
         targets = np.exp(self._override) * self._speed
         command(self._tracks, stepped, self._written == 0, targets, limits, commanded)
-        for place in places:
-            episode = self._episode(place)
-            begin = int(self._written[place])
-            ticks = slice(begin, begin + interval)
-            episode.simulation.position[ticks] = commanded.position[place]
-            episode.simulation.setpoints.dispense[ticks] = commanded.dispense[place]
-            episode.progress[ticks] = commanded.way[place]
+        write_setpoints(stepped, self._rows, self._spans, self._written, commanded)
         for place in stepped[commanded.way[stepped, -1] >= self._length[stepped]].tolist():
             last = np.searchsorted(commanded.way[place], self._length[place])
             self._setpoints[place] = self._written[place] + int(last) + 1
@@ -344,10 +327,11 @@ class SpeedOverrideBatch(EpisodeBatch):
     def record(self, place: int) -> Run:
         run = super().record(place)
         # the record is read-only down to the memory of the setpoints, of which the next are still to be written
-        episode = self._episode(place)
-        episode.simulation.position.flags.writeable = True
-        episode.simulation.setpoints.dispense.flags.writeable = True
-        return run.replaced(progress=episode.progress[: len(run)])
+        simulation = self._episode(place).simulation
+        setpoints = simulation.setpoints
+        for array in (simulation.position, setpoints.position, setpoints.dispense, self._episode(place).progress):
+            array.flags.writeable = True
+        return run
 
     def follower(self, place: int) -> Run:
         """Return the record of the whole episode at the program's speed without following error."""

@@ -14,7 +14,18 @@ from gantrysim.env.decision import Entry, Outcome
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
 from gantrysim.env.friction import model_torques
-from gantrysim.env.inertia import MOST_PAYLOAD, SUMS, ChangingPayload, Decay, Motion, Nominal, fit, next_motion, ratios
+from gantrysim.env.inertia import (
+    MOST_PAYLOAD,
+    MOTIONS,
+    SUMS,
+    ChangingPayload,
+    Decay,
+    Motion,
+    Nominal,
+    fit_at_places,
+    next_motion_at_places,
+    ratios,
+)
 from gantrysim.env.look_ahead import PathsAhead, ahead_entries
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.sensitivity import SensitivityTable
@@ -135,7 +146,13 @@ class SpiralTuningBatch(EpisodeBatch):
         self._costs = np.zeros(places)  # their sum
         # of the last interval [kg]
         self._payload = np.zeros(places)
-        self._motion = [Motion(np.zeros((1, len(axes))), np.zeros((1, len(axes))))] * places  # for the fit
+        # tick from which the payload is another one, and its mass [kg]
+        self._change = np.zeros(places, np.int64)
+        self._payload_later = np.zeros(places)
+        # motion for the fit by its addresses, and the arrays, kept alive
+        self._motions = np.zeros(places, MOTIONS)
+        self._motions["row"] = [self._batch.address(place) for place in range(places)]
+        self._motion: list[Motion | None] = [None] * places
         self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
@@ -174,7 +191,14 @@ class SpiralTuningBatch(EpisodeBatch):
         axes = self.source.machine.axes
         position = episode.simulation.position
         sliding, _ = model_torques(axes, position, self.source.servo.period)
-        self._motion[place] = Motion(sliding, np.diff(position, axis=0, prepend=position[:1]))
+        moved = np.diff(position, axis=0, prepend=position[:1])
+        self._motion[place] = Motion(sliding, moved)
+        motion = self._motions[place]
+        motion["sliding"] = sliding.ctypes.data
+        motion["moved"] = moved.ctypes.data
+        simulation = episode.simulation
+        self._change[place] = -(-simulation.later[0].step // simulation.substeps)
+        self._payload_later[place] = episode.drawn["payload_later"]
         self._paths_ahead.put(place, episode.look)
         self._log[place] = self._start_log
         self._sums[place] = self._prior
@@ -191,19 +215,12 @@ class SpiralTuningBatch(EpisodeBatch):
             self._gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
 
     def _follow(self, places: NDArray[np.intp], firsts: NDArray[np.int64], lasts: NDArray[np.int64]) -> None:
-        for place, first, last in zip(places.tolist(), firsts.tolist(), lasts.tolist(), strict=True):
-            self._follow_place(place, first, last)
-
-    def _follow_place(self, place: int, first: int, last: int) -> None:
         """Fit the inertia to some ticks, and look ahead to the next decision."""
-        episode = self._episode(place)
-        simulation = episode.simulation
-        fit(simulation.log, (first, last), self._motion[place], self._nominal, self._decay, self._sums[place])
-        if first * simulation.substeps >= simulation.later[0].step:
-            self._payload[place] = episode.drawn["payload_later"]
-        ticks = (int(self._sent[place]), self.source.ticks or 1)
-        period = self.source.servo.period
-        next_motion(simulation.position, ticks, period, self._next_velocity[place], self._next_acceleration[place])
+        fit_at_places(places, (firsts, lasts), self._motions, self._nominal, self._decay, self._sums)
+        changed = places[firsts >= self._change[places]]
+        self._payload[changed] = self._payload_later[changed]
+        interval = (self.source.ticks or 1, self.source.servo.period)
+        next_motion_at_places(places, self._sent, interval, self._motions, self._next_velocity, self._next_acceleration)
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
         self._error[mask] = self.measured.following_mean[mask]

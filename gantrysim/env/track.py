@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
+from gantrysim.engine.native.pointers import floats_at, octets_at, row_at, rows_at
 from gantrysim.engine.positions import axis_positions
 from gantrysim.machine.machine import Machine
 from gantrysim.record.setpoints import Setpoints
@@ -58,7 +59,8 @@ class Track:
             InputError: a path out of the travel of an axis.
         """
         path = setpoints.requested
-        edges = np.union1d([0.0, path.length], path.joints)
+        joints = path.joints
+        edges = np.union1d([0.0, path.length], joints) if joints.size else np.array([0.0, path.length])
         spans = [
             np.linspace(low, high, max(int(np.ceil((high - low) / _SPACING)), 1), endpoint=False)
             for low, high in itertools.pairwise(edges.tolist())
@@ -82,7 +84,8 @@ class Track:
                     f"requested path: must lie in the travel {low:g} to {high:g} {axis.unit} of machine {machine.name}"
                 )
         changes = 1 + np.flatnonzero(np.diff(setpoints.dispense.astype(np.int8)))
-        stops = np.union1d(path.corners[path.corners > 0], [path.length])
+        corners = path.corners[path.corners > 0]
+        stops = np.union1d(corners, [path.length]) if corners.size else np.array([path.length])
         return cls(knots, positions, stops, progress[changes], bool(setpoints.dispense[0]))
 
     def steepest(self) -> Floats:
@@ -237,3 +240,33 @@ def command(
                 )
             switched = np.searchsorted(switches, way[k], "right")
             commanded.dispense[place, k] = tracks.starts_on[place] != (switched % 2 == 1)
+
+
+@jit
+def write_setpoints(
+    places: NDArray[np.intp],
+    rows: NDArray[np.int64],
+    spans: NDArray[np.void],
+    written: NDArray[np.int64],
+    commanded: Commanded,
+) -> None:
+    """Write what is commanded in an interval behind the setpoints written so far, at some places.
+
+    Args:
+        places: numbers of the places.
+        rows: addresses of the servos' rows of all places, whose setpoints are written.
+        spans: of all places, of `gantrysim.env.interval.SPAN`, whose progress and dispenser command are written.
+        written: number of setpoints of all places.
+        commanded: of all places.
+    """
+    for place in places:
+        row = row_at(rows[place])
+        position = rows_at(row.setpoints, row.ticks, row.axes)
+        progress = floats_at(spans[place].progress)
+        dispense = octets_at(spans[place].dispense)
+        begin = written[place]
+        for k in range(min(commanded.way.shape[1], row.ticks - begin)):
+            for axis in range(row.axes):
+                position[begin + k, axis] = commanded.position[place, k, axis]
+            progress[begin + k] = commanded.way[place, k]
+            dispense[begin + k] = commanded.dispense[place, k]

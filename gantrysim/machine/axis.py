@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -130,18 +130,10 @@ def _declared_speed(model: mujoco.MjModel, joint: int, unit: str) -> float:
     return declared if declared > 0 else math.inf
 
 
-def perturbed_axes(model: mujoco.MjModel | ModelArrays, axes: Sequence[Axis]) -> tuple[Axis, ...]:
-    """Re-read drive and friction of the axes after a perturbation of their model; inertia and motion are not set."""
-    return tuple(
-        replace(axis, **_drive_and_friction(model, actuator, axis.name, axis.unit, axis.scale))
-        for actuator, axis in enumerate(axes)
-    )
-
-
 def _drive_and_friction(
     model: mujoco.MjModel | ModelArrays, actuator: int, name: str, unit: str, scale: float
 ) -> dict[str, Any]:
-    """Return the attributes of `Axis` that a perturbation changes."""
+    """Return the attributes of `Axis` that a perturbation may change."""
     drive = _drive(model, actuator, name)
     gear = float(model.actuator_gear[actuator, 0])
     static = float(model.actuator_biasprm[actuator, STATIC])

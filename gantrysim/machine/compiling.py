@@ -397,20 +397,22 @@ class PhysicsModels:
     def __init__(self, physics: mujoco.MjModel) -> None:
         self._physics: mujoco.MjModel | None = physics
         self._unperturbed = physics
-        self._arrays: mujoco.MjModel | ModelArrays = physics
+        self._arrays: mujoco.MjModel | ModelArrays | None = physics
         self._make = physics.__copy__
+        self._make_arrays: Callable[[], ModelArrays] | None = None
         self._stepped: dict[tuple[float, bool, bool], mujoco.MjModel] = {}
 
-    def perturbed(self, make: Callable[[], mujoco.MjModel], arrays: ModelArrays) -> PhysicsModels:
+    def perturbed(self, make: Callable[[], mujoco.MjModel], arrays: Callable[[], ModelArrays]) -> PhysicsModels:
         """Return the models of a perturbed machine.
 
         Args:
             make: returns a copy of `physics` with the perturbation in its arrays.
-            arrays: of such a copy.
+            arrays: returns those of such a copy.
         """
         models = PhysicsModels(self.layout)
         models._physics = None
-        models._arrays = arrays
+        models._arrays = None
+        models._make_arrays = arrays
         models._make = make
         return models
 
@@ -429,7 +431,12 @@ class PhysicsModels:
     @property
     def arrays(self) -> mujoco.MjModel | ModelArrays:
         """What `physics` has in its arrays, but for those that MuJoCo derives from the masses."""
-        return self._arrays if self._physics is None else self._physics
+        if self._physics is not None:
+            return self._physics
+        if self._arrays is None:
+            assert self._make_arrays is not None
+            self._arrays = self._make_arrays()
+        return self._arrays
 
     def stepping(self, timestep: float, voltage: bool, stops: bool) -> mujoco.MjModel:
         """Return a copy of `physics` for steps of a length; see `Machine.stepping`."""

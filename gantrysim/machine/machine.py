@@ -17,7 +17,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.display import picture_html
 from gantrysim.base.errors import InputError, check_type, expanded_path, unknown, wrong_type
 from gantrysim.base.input_files import check_regular
-from gantrysim.machine.axis import Axis, axis_table, element_index, perturbed_axes, read_axes, stated_geometry
+from gantrysim.machine.axis import Axis, axis_table, element_index, read_axes, stated_geometry
 from gantrysim.machine.axis_dynamics import motion_of, with_dynamics
 from gantrysim.machine.compiling import PhysicsModels, compile_mjcf, digest_of, without_visuals
 from gantrysim.machine.geometry import Geometry
@@ -26,7 +26,14 @@ from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.base import check_work_frame
 from gantrysim.machine.model_arrays import ModelArrays
 from gantrysim.machine.motors import driven_joints
-from gantrysim.machine.perturbation import Perturbation, geometry_factors, perturbed_arrays, perturbed_model
+from gantrysim.machine.perturbation import (
+    Perturbation,
+    geometry_factors,
+    is_plain,
+    perturbed_arrays,
+    perturbed_axes,
+    perturbed_model,
+)
 from gantrysim.machine.posing import Posing, checked_position
 from gantrysim.machine.quiet import quiet
 from gantrysim.machine.row import MAX_AXES
@@ -236,7 +243,7 @@ class Machine:
     @property
     def axis_names(self) -> tuple[str, ...]:
         """Names of the axes in the order of the actuators."""
-        return tuple(axis.name for axis in self.plain_axes)
+        return tuple(axis.name for axis in self.nominal.plain_axes)
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -324,15 +331,19 @@ class Machine:
         machine._perturbations = (*self._perturbations, perturbation)
         machine._nominal = self.nominal
         models = self._models
-        axes = self.plain_axes
 
         def changed_model() -> mujoco.MjModel:
-            return perturbed_model(models.physics, perturbation, axes, self.nozzle, self.work)
+            return perturbed_model(models.physics, perturbation, self.nominal.plain_axes, self.nozzle, self.work)
 
-        arrays = perturbed_arrays(models.arrays, perturbation, axes, self.nozzle, self.work)
-        machine.plain_axes = perturbed_axes(arrays, axes)
-        machine._use(models.perturbed(changed_model, arrays))
+        def changed_arrays() -> ModelArrays:
+            return perturbed_arrays(models.arrays, perturbation, self.nominal.plain_axes, self.nozzle, self.work)
+
+        machine.plain_axes = perturbed_axes(self.plain_axes, perturbation)
+        machine._use(models.perturbed(changed_model, changed_arrays))
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
+        if not is_plain(self.nominal.layout, machine._perturbations):
+            # which checks it
+            _ = machine.arrays
         return machine
 
     def with_geometry(self, geometry: Geometry | None) -> Machine:
@@ -395,7 +406,8 @@ class Machine:
 
         The joints of a closed chain follow the axes; all other joints are at their reference.
         """
-        return self._posing.qpos(self.arrays.qpos0, position)
+        moves_home = any(perturbation.home_offset != 0.0 for perturbation in self._perturbations)
+        return self._posing.qpos((self if moves_home else self.nominal).arrays.qpos0, position)
 
     def motion(self, position: ArrayLike | None = None) -> Motion:
         """Return the linear dynamics of all axes about rest, from torque demands to motor positions.

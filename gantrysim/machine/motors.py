@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from functools import lru_cache
 
 import mujoco
 
@@ -26,6 +27,7 @@ BRISTLE_STIFFNESS = 5
 BRISTLE_DAMPING = 6
 
 _NEGLIGIBLE = 1e-30
+_KEPT = 16  # models of which it is remembered whether each spring has an axis
 
 
 def set_for_steps(model: mujoco.MjModel, timestep: float, voltage: bool, stops: bool) -> None:
@@ -85,6 +87,7 @@ def driven_joints(model: mujoco.MjModel) -> list[int]:
     return joints
 
 
+@lru_cache(_KEPT)
 def springs_have_axes(model: mujoco.MjModel) -> bool:
     """Return whether each axis can have its own stiffness factor: there is one axis, or one for every spring."""
     if model.nactuator == 1:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -31,9 +31,11 @@ from gantrysim.machine.motors import (
     driven_joints,
     elastic_tendons,
     spring_joints,
+    springs_have_axes,
     wraps_of,
 )
 from gantrysim.machine.quiet import quiet
+from gantrysim.servo.axis_dynamics import Friction
 
 # one value for all axes, one per axis, or those of some axes by their names; these are kept as pairs
 PerAxis = float | tuple[float, ...] | Mapping[str, float] | tuple[tuple[str, float], ...]
@@ -124,6 +126,50 @@ def _is_by_name(value: Any) -> bool:
     return isinstance(value, Mapping) or (
         isinstance(value, tuple) and bool(value) and all(isinstance(item, tuple) for item in value)
     )
+
+
+def is_plain(model: mujoco.MjModel, perturbations: Sequence[Perturbation]) -> bool:
+    """Return whether a machine can have perturbations, the last of which is new, without a look at its arrays.
+
+    Args:
+        model: of the machine, perturbed or not.
+        perturbations: of it.
+
+    Returns:
+        False where the payload, or a factor of one axis, may be one that the machine cannot have.
+    """
+    if sum(perturbation.payload for perturbation in perturbations) < 0:
+        return False
+    new = perturbations[-1]
+    of_axes = [value for name in (*FACTORS, "home_offset") if isinstance(value := getattr(new, name), tuple)]
+    if any(_is_by_name(value) or len(value) != model.nactuator for value in of_axes):
+        return False
+    return isinstance(new.stiffness, float) or springs_have_axes(model)
+
+
+def perturbed_axes(axes: Sequence[Axis], perturbation: Perturbation) -> tuple[Axis, ...]:
+    """Return the axes of a perturbed machine; inertia and motion are those of before.
+
+    The current is limited, so the peak torque scales with the motor constant; all of LuGre friction scales but the
+    Stribeck speed, see `Perturbation`.
+    """
+    names = [axis.name for axis in axes]
+    of_axes = [perturbation.per_axis(name, names).tolist() for name in ("friction", "viscous", "motor_constant")]
+    perturbed = []
+    for axis, friction, viscous, constant in zip(axes, *of_axes, strict=True):
+        coulomb, static, stribeck, stiffness = axis.friction
+        perturbed.append(
+            replace(
+                axis,
+                motor_constant=constant * axis.motor_constant,
+                peak_torque=constant * axis.peak_torque,
+                coulomb=friction * axis.coulomb,
+                viscous=viscous * axis.viscous,
+                viscous_difference=viscous * axis.viscous_difference,
+                friction=Friction(friction * coulomb, friction * static, stribeck, friction * stiffness),
+            )
+        )
+    return tuple(perturbed)
 
 
 def geometry_factors(perturbations: Iterable[Perturbation]) -> dict[str, float]:

@@ -120,7 +120,7 @@ class Path(ABC):
         bend = np.maximum(np.abs(self.curvature(s[:-1] + inside)), np.abs(self.curvature(s[1:] - inside)))
         sagitta = _SAGITTA * max(spacing / _TABLE_SPACING, 1.0) ** 2
         s = _divided_spans(s, np.minimum(np.ceil(sizes * np.sqrt(bend / (8 * sagitta))), _MOST_PARTS))
-        is_corner = np.isin(s, self.corners)
+        is_corner = np.isin(s, self.corners) if self.corners.size else np.zeros(s.size, bool)
         return Table(
             read_only_view(s),
             read_only_view(np.asfortranarray(self.position(s))),

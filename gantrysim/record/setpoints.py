@@ -280,6 +280,33 @@ class Setpoints(Shown):
         return cls(period, axes, **vars(table_by_blocks(parts, count)), requested=requested)
 
     @classmethod
+    def unwritten(cls, like: Setpoints, count: int) -> Setpoints:
+        """Return setpoints to be written while their run goes on: all zero, unchecked, and writable.
+
+        They take no time and no memory before they are written.
+
+        Args:
+            like: setpoints with the same period, axes and requested path.
+            count: number of them.
+        """
+        setpoints = object.__new__(cls)
+        columns = {
+            "position": np.zeros((count, len(like.axes))),
+            "dispense": np.zeros(count, bool),
+            "progress": np.zeros(count),
+        }
+        missing = {"torque": None, **dict.fromkeys(MATERIAL)}
+        values = {
+            "period": like.period,
+            "axes": like.axes,
+            "requested": like.requested,
+            "supervision": Supervision(),
+            "gates": np.zeros(0, np.int64),
+        }
+        vars(setpoints).update(values | columns | missing)
+        return setpoints
+
+    @classmethod
     def along(
         cls,
         path: Path,
@@ -318,8 +345,10 @@ class Setpoints(Shown):
                 s[-1] = path.length
             return s
 
+        progress = by_blocks(places, n + 1)
+
         def positions(block: slice) -> Floats:
-            s = places(block)
+            s = progress[block]
             if coordinates is not None:
                 return coordinates(s)
             # stacked, as NumPy copies short rows of a longer array much slower than columns
@@ -331,7 +360,7 @@ class Setpoints(Shown):
             position=by_blocks(positions, n + 1),
             dispense=np.ones(n + 1, bool),
             requested=path if requested is None else requested,
-            progress=by_blocks(places, n + 1) if requested is None else None,
+            progress=progress if requested is None else None,
         )
 
 

@@ -23,6 +23,7 @@ _MANY = 2**31  # nothing is checked against it
 _GAINS = len(GAIN_NAMES)
 _INTEGER = types.int64
 _FLOAT = types.float64
+_OCTET = types.uint8
 _ROW = numba.from_dtype(ROW)
 _TICK = numba.from_dtype(LOG_TICK)
 _AXIS = numba.from_dtype(LOG_AXIS)
@@ -79,6 +80,18 @@ def integer_at(address):
 def floats_at(address):
     """Return the doubles at an address, however many they are."""
     return numba.carray(pointer(address, _FLOAT), (_MANY,))
+
+
+@jit
+def octets_at(address):
+    """Return the bytes at an address, however many they are."""
+    return numba.carray(pointer(address, _OCTET), (_MANY,))
+
+
+@jit
+def rows_at(address, count, columns):
+    """Return the doubles at an address as rows, (count, columns)."""
+    return numba.carray(pointer(address, _FLOAT), (count, columns))
 
 
 @jit
