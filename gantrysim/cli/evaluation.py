@@ -132,7 +132,7 @@ class Evaluation:
         self._find_causes()
         if self.wanted.repeat is not None and record.fault is None:
             self._find_scatter(self.wanted.repeat)
-        show_cause(answer, headline(self.results))
+        show_cause(Answer.of(self.results), headline(self.results))
         show_choice(run_notes(self.results.job, record), str(folder))
 
     def show_details(self) -> None:

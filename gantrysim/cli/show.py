@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -57,6 +58,9 @@ def show_run(
     results = _results(saved)
     if not names:
         answer = Answer.of(results)
+        # what took further runs
+        spoilt, also_spoilt = [*summary.get("spoilt", ()), "", ""][:2]
+        answer = replace(answer, spoilt=spoilt or answer.spoilt, also_spoilt=also_spoilt)
         show_verdict(answer)
         show_cause(answer, summary["headline"])
         show_choice(summary["notes"], str(run))

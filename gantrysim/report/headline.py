@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from gantrysim.base.quantity import number_text
-from gantrysim.job.causes import Causes
+from gantrysim.base.quantity import RMS, number_text
+from gantrysim.job.causes import Causes, Errors
 from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, LAG
@@ -24,9 +24,11 @@ NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 _ALMOST_ALL = 0.9
 _MOST_OF_SQUARE = 0.5
 # worth of a cause, of the rms error
-_CAUSE = 0.9
 _MAIN_CAUSE = 0.5
+_NAMED = 2  # causes beside the main one
+_SHARE_OF_REST = 0.1  # of what is left without the main cause, from which on another one is named
 _LEAST_WORTH = 1e-4  # below it effects are numerical noise [mm]
+_STATISTICS = {"path_max": "max", "path_p95": "p95"}  # of the contour error, by the limits of the path
 _LEAST_OF_GLUE = 0.01  # likewise, of the limit or the value
 
 
@@ -74,23 +76,40 @@ def contour_sentence(budget: Budget, causes: Causes | None = None) -> str:
     return " ".join(sentences) + along
 
 
-def cause_sentences(causes: Causes, statistic: str = "") -> Iterator[str]:
+def cause_sentences(causes: Causes, check: Check | None = None) -> Iterator[str]:
     """Yield what causes the error: one cause, where it is worth at least half of it, else that no single one is.
 
     Effects do not add up, so that several causes may be worth half each; the largest is named.
 
     Args:
-        causes: of the contour error, whose rms values they lower.
-        statistic: "rms" where no sentence before names it.
+        causes: of the contour error.
+        check: of the path, whose value they lower; None for the rms error.
     """
+    statistic = _STATISTICS.get("" if check is None else check.name, RMS.name)
     worths = [
-        _Worth(effect.cause.name, effect.before["contour"].rms, effect.worth["contour"].rms, effect.cause.meaning)
+        _Worth(
+            effect.cause.name,
+            getattr(effect.before["contour"], statistic),
+            getattr(effect.worth["contour"], statistic),
+            effect.cause.meaning,
+            _largest_link(effect.without, statistic),
+        )
         for effect in causes.effects
         if effect.worth
     ]
-    yield _main_cause(worths, CONTOUR.text, _LEAST_WORTH, statistic)
+    yield _main_cause(worths, CONTOUR.text, _LEAST_WORTH)
     if failed := [effect.cause.name for effect in causes.effects if not effect.worth]:
         yield f"Not known, as the run without it failed: {', '.join(failed)}."
+
+
+def _largest_link(errors: Errors, statistic: str) -> str:
+    """Return the link with the largest error, in words; empty where no link is known."""
+    links = {name: getattr(size, statistic) for name, size in errors.items() if name in DESCRIPTIONS}
+    links.pop("contour", None)
+    if not links:
+        return ""
+    largest = max(links, key=lambda name: links[name])
+    return f"{largest} ({DESCRIPTIONS[largest]})"
 
 
 def glue_sentences(row: Row, causes: GlueCauses | None) -> Iterator[str]:
@@ -103,8 +122,10 @@ def glue_sentences(row: Row, causes: GlueCauses | None) -> Iterator[str]:
         yield f"{row.remark[row.remark.find(THROUGH_GLUE) :].capitalize()}."
         others = [check for check in row.checks if check.state == FAIL and check.name != PLOUGHED.name]
         if causes is not None and others:
-            yield f"{others[0].measured[0].upper()}{others[0].measured[1:]}."
-            yield from glue_cause_sentences(causes, others[0])
+            first, *further = glue_cause_sentences(causes, others[0])
+            measured = others[0].measured
+            yield f"{measured[0].upper()}{measured[1:]}: {first[0].lower()}{first[1:]}"
+            yield from further
     elif causes is not None:
         yield from glue_cause_sentences(causes)
 
@@ -128,37 +149,67 @@ def glue_cause_sentences(causes: GlueCauses, check: Check | None = None) -> Iter
 
 
 class _Worth(NamedTuple):
-    """What a cause is worth of an error."""
+    """What a cause is worth of an error.
+
+    Attributes:
+        name: of the cause.
+        whole: the error with it.
+        worth: the error less that without it.
+        meaning: of the cause, in a few words.
+        rest: where on the chain most of the error lies without it, in words; empty where that is unknown.
+    """
 
     name: str
     whole: float
     worth: float
     meaning: str = ""
+    rest: str = ""
 
     @property
     def share(self) -> float:
         return self.worth / self.whole if self.whole > 0 else 0.0
 
 
-def _main_cause(worths: Sequence[_Worth], text: Callable[[float], str], least: float, statistic: str = "") -> str:
+def _main_cause(worths: Sequence[_Worth], text: Callable[[float], str], least: float) -> str:
     """Return the sentence on the cause that is worth most.
 
     Args:
         worths: of all causes.
         text: returns a value with its unit.
         least: worth below which a cause is not named.
-        statistic: of the values, such as "rms".
     """
-    of = f" {statistic}" if statistic else ""
     by_worth = sorted(worths, key=lambda cause: cause.share, reverse=True)
     if by_worth and by_worth[0].share >= _MAIN_CAUSE:
-        main = by_worth[0]
-        kind = "Cause" if main.share >= _CAUSE else "Main cause"
-        remaining = text(main.whole - main.worth)
+        main, *others = by_worth
         name = f"{main.name} ({main.meaning})" if main.meaning else main.name
-        return f"{kind}: {name}, worth {text(main.worth)} of {text(main.whole)}{of}; without it {remaining} are left."
-    names = " and ".join(f"{cause.name} ({text(cause.worth)}{of})" for cause in by_worth[:2] if cause.worth > least)
-    return f"No single cause is worth half of it{f'; worth most: {names}' if names else ''}."
+        if text(main.worth) == text(main.whole):
+            return f"All {text(main.whole)} due to {name}."
+        return f"{text(main.worth)} of {text(main.whole)} due to {name}; {_rest(main, others, text, least)}."
+    named = [cause for cause in by_worth if cause.worth > least][:_NAMED]
+    names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in named)
+    others = by_worth[len(named) :]
+    largest = max((cause.worth for cause in others), default=0.0)
+    less = (
+        f"; none of the other {len(others)} is worth more than {text(max(largest, least))}" if len(others) > 1 else ""
+    )
+    return f"No single cause is worth half of it{f'; worth most: {names}{less}' if names else ''}."
+
+
+def _rest(main: _Worth, others: Sequence[_Worth], text: Callable[[float], str], least: float) -> str:
+    """Return what is left without the main cause, and of what it is."""
+    remaining = main.whole - main.worth
+    left = f"without it {text(remaining)} are left"
+    named = [cause for cause in others if cause.worth > max(least, _SHARE_OF_REST * remaining)][:_NAMED]
+    names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in named)
+    if sum(cause.worth for cause in named) > _MAIN_CAUSE * remaining:
+        return f"{left}, next {names}"
+    if main.rest:
+        return f"{left}, most of it in {main.rest}"
+    if names:
+        return f"{left} by several causes together, alone {names}"
+    if not others:
+        return left
+    return f"{left} by several causes together, none alone more than {text(max(others[0].worth, least))}"
 
 
 def _portion(share: float) -> str:

@@ -269,15 +269,15 @@ def _remedy(tick: int, bead: Bead) -> str:
     run = bead.run
     if run.dispense[tick - 1]:
         return (
-            "the path crosses its own bead while it dispenses: lay it without crossings, or lift the needle over them "
-            "with the valve closed"
+            "the path crosses its own bead while it dispenses: lay the bead without crossings, or lift the needle over "
+            "them with the valve closed"
         )
     height = run.nozzle[:, 2] - bead.surface()
     top = max([float(bead.nominal_section.height[0]), *(dot.cap.height for dot in bead.dots)])
     if float(height.max()) > top + bead.gap:
         return "a dry move leads through it: lift the needle before this dry move"
     where = "" if "z" in run.axes else ", on a machine with a z axis"
-    return f"it never lifts: lift it before dry moves{where}, or lead them around the bead"
+    return f"it never lifts: lift the needle before dry moves{where}, or lead them around the bead"
 
 
 def ploughing_reason(row: Row) -> str:

@@ -97,14 +97,10 @@ def _with_dispenser(change: Callable[[Dispenser], Dispenser]) -> Callable[[Job, 
 def at_constant_speed(job: Job, bead: Bead) -> Run:
     """Return a record whose glue lies as if the nozzle passed all of its path at one speed, the median with glue.
 
-    The dispenser gets the command of each place at the time at which the nozzle would then pass it.
-
-    Raises:
-        InputError: the job lays dots, which need a nozzle at rest.
+    The dispenser gets the command of each place at the time at which the nozzle would then pass it. Dots, which are
+    laid at rest, stay as they are.
     """
     run = bead.run
-    if bead.dots:
-        raise InputError("dots are laid at rest")
     steps = surface_steps(run) / run.period
     moving = run.dispense[:-1] & (steps > 0)
     if not moving.any():
@@ -129,6 +125,10 @@ def at_constant_speed(job: Job, bead: Bead) -> Run:
     constant = np.append(np.diff(volume) / run.period, 0.0)
     constant[0] += volume[0] / run.period
     demand = np.where(run.dispense, bead.nominal * np.append(steps, 0.0), 0.0)
+    for dot in bead.dots:
+        share = slice(*dot.share)
+        constant[share] = run.flow[share]
+        demand[share] = run.flow_demand[share]
     return run.replaced(flow=constant, flow_demand=demand)
 
 
