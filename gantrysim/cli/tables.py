@@ -219,7 +219,7 @@ def show_change(changes: Mapping[str, Any], folder: str) -> None:
         say(f"paste into the {'command line' if changes['options'] else 'job file'}:")
         say("\n".join(_INDENT + line for line in lines))
     if changes["outcome"]:
-        _show_rows([("then", " ".join(filter(None, (changes["outcome"], changes["values"]))))])
+        _show_rows([("then", changes["outcome"])])
 
 
 def option_lines(options: Sequence[str]) -> Iterator[str]:

@@ -89,11 +89,10 @@ def remedy_of(improvement: Improvement) -> Remedy:
     costs = "; ".join(dict.fromkeys(trial.cost for trial in improvement.combination if trial.cost != FREE))
     before, now = (f"{outcome.duration:.2f}" for outcome in (improvement.before, improvement.after))
     time = f"time {now} s as before" if before == now else f"time {before}{GAIN_ARROW}{now} s"
-    hint = ""
     by_place = improvement.by_place
     if isinstance(by_place, SpeedByPlace) and by_place.outcome.duration < improvement.after.duration:
-        time = f"{time}, or {by_place.outcome.duration:.2f} s with a program that is slow only where it must be"
-        hint = f"That program: {improve_command(improvement.base)} --out FOLDER"
+        command = f"{improve_command(improvement.base)} --out FOLDER"
+        time = f"{time}, or {by_place.outcome.duration:.2f} s slow only where needed ({command})"
     outcome = "; ".join([after.headline, *_values(improvement), time])
     lines = improvement.lines
     return Remedy(
@@ -102,7 +101,6 @@ def remedy_of(improvement: Improvement) -> Remedy:
         lines.get("job file") or lines.get("command line", ""),
         tuple(options(improvement.base, improvement.job)),
         improvement.sentence,
-        hint,
         _former_text(improvement),
     )
 

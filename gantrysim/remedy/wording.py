@@ -181,8 +181,10 @@ def _lever_text(trial: Trial, changes: Mapping[str, tuple[Any, Any]], keys: Keys
         texts = {"speed": _change_text(*speeds, "mm/s"), **texts}
     if not texts and trial.setting.partition(" ")[0].isdecimal():
         return f"{name} {trial.setting} ({trial.lever.meaning})"
+    if LAW in changes and not texts:
+        return f"{name} (servo law)"
     if not texts:
-        return f"{name} ({trial.setting or trial.lever.meaning})"
+        return f"{name} ({trial.setting})" if trial.setting else name
     if len(texts) == 1 and name not in _SPEED_LEVERS:
         ((leaf, text),) = texts.items()
         return f"{name} {text}" if leaf in name else f"{name} ({leaf}) {text}"
@@ -193,9 +195,7 @@ def _lever_text(trial: Trial, changes: Mapping[str, tuple[Any, Any]], keys: Keys
 def _flow_text(changes: Mapping[str, tuple[Any, Any]], base: Job, improved: Job) -> str:
     """Return how the flow is stated before and after, where it follows the path speed afterwards."""
     former = [key for key in changes if key in _DEMANDS and changes[key][0] and not changes[key][1]]
-    texts = [
-        f"{changes[key][0]:g} {DEMANDS[key.removeprefix(_DISPENSER)]} at every speed{GAIN_ARROW}" for key in former
-    ]
+    texts = [f"{changes[key][0]:g} {DEMANDS[key.removeprefix(_DISPENSER)]} constant{GAIN_ARROW}" for key in former]
     lags = (base.dispenser.advance, improved.dispenser.advance)
     lag = f", lag compensation (advance) {_change_text(*lags, 's')}" if lags[0] != lags[1] else ""
     return f"{''.join(texts[:1])}{improved.dispenser.area:g} mm² (area) × path speed{lag}"

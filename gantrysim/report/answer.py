@@ -52,7 +52,6 @@ class Remedy:
         lines: to paste into the job's file, or a command line; empty where nothing is to be changed.
         options: for the command line, after those with which the job was loaded; none where they cannot express it.
         sentence: whether the verdict is then a pass, and what remains otherwise.
-        values: worst values, with the changes, of the rows that do not pass without them.
         former: the program's text without the changes, where the lines hold a changed one.
     """
 
@@ -61,7 +60,6 @@ class Remedy:
     lines: str = ""
     options: tuple[str, ...] = ()
     sentence: str = ""
-    values: str = ""
     former: str = ""
 
     def content(self) -> dict[str, Any]:
@@ -160,11 +158,15 @@ class Answer:
         if verdict.unjudged:
             title = f"{verdict.state}: {'fault' if verdict.fault else 'errors not known'}"
         spoilt = _spoilt(results)
-        order = "" if verdict.worst_row is None else ploughing_remedy(verdict.worst_row)
-        # told once, where it is the change
-        if remedy is not None and order and order.lower() in remedy.change.lower():
-            spoilt = spoilt.replace(f": {order}", "")
+        if remedy is not None:
+            spoilt = without_order(spoilt, verdict)
         return cls(verdict.state, verdict.headline, rows, spoilt, remedy, title, _also_spoilt(results))
+
+
+def without_order(spoilt: str, verdict: Verdict) -> str:
+    """Return what spoils a run without what to do about it by hand, as what to change is told beside it."""
+    order = "" if verdict.worst_row is None else ploughing_remedy(verdict.worst_row)
+    return spoilt.replace(f": {order}", "") if order else spoilt
 
 
 def _row(row: Row) -> AnswerRow:

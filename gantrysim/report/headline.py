@@ -13,7 +13,7 @@ from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, LAG
 from gantrysim.results.checks import FAIL, Check, Row
 from gantrysim.results.glue import THROUGH_GLUE
-from gantrysim.results.glue_causes import GlueCauses
+from gantrysim.results.glue_causes import MAIN_CAUSE, GlueCauses
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import GLUE, PATH
 from gantrysim.results.verdict_quantities import PLOUGHED
@@ -24,7 +24,6 @@ NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 _ALMOST_ALL = 0.9
 _MOST_OF_SQUARE = 0.5
 # worth of a cause, of the rms error
-_MAIN_CAUSE = 0.5
 _NAMED = 2  # causes beside the main one
 _SHARE_OF_REST = 0.1  # of what is left without the main cause, from which on another one is named
 _LEAST_WORTH = 1e-4  # below it effects are numerical noise [mm]
@@ -141,8 +140,17 @@ def glue_cause_sentences(causes: GlueCauses, check: Check | None = None) -> Iter
         if not math.isnan(causes.worth(effect, check))
     ]
     unit = f" {check.unit}" if check.unit else ""
+    least = min((effect.value(check.name) for effect in causes.effects if effect.row is not None), default=math.nan)
+    rest = [
+        _Worth(effect.cause.name, least, least - effect.value(check.name), effect.cause.meaning)
+        for effect in causes.rest
+        if not math.isnan(effect.value(check.name))
+    ]
     yield _main_cause(
-        worths, lambda value: f"{number_text(value, check.form)}{unit}", _LEAST_OF_GLUE * max(check.limit, check.value)
+        worths,
+        lambda value: f"{number_text(value, check.form)}{unit}",
+        _LEAST_OF_GLUE * max(check.limit, check.value),
+        rest,
     )
     if failed := [f"{effect.cause.name} ({effect.failure})" for effect in causes.effects if effect.failure]:
         yield f"Not known: {', '.join(failed)}."
@@ -170,21 +178,25 @@ class _Worth(NamedTuple):
         return self.worth / self.whole if self.whole > 0 else 0.0
 
 
-def _main_cause(worths: Sequence[_Worth], text: Callable[[float], str], least: float) -> str:
+def _main_cause(
+    worths: Sequence[_Worth], text: Callable[[float], str], least: float, rest: Sequence[_Worth] = ()
+) -> str:
     """Return the sentence on the cause that is worth most.
 
     Args:
         worths: of all causes.
         text: returns a value with its unit.
         least: worth below which a cause is not named.
+        rest: of the other causes, of what is left without the main one; by default of all.
     """
     by_worth = sorted(worths, key=lambda cause: cause.share, reverse=True)
-    if by_worth and by_worth[0].share >= _MAIN_CAUSE:
+    if by_worth and by_worth[0].share >= MAIN_CAUSE:
         main, *others = by_worth
         name = f"{main.name} ({main.meaning})" if main.meaning else main.name
+        rest_worths = sorted(rest, key=lambda cause: cause.worth, reverse=True) or others
         if text(main.worth) == text(main.whole):
             return f"All {text(main.whole)} due to {name}."
-        return f"{text(main.worth)} of {text(main.whole)} due to {name}; {_rest(main, others, text, least)}."
+        return f"{text(main.worth)} of {text(main.whole)} due to {name}; {_rest(main, rest_worths, text, least)}."
     named = [cause for cause in by_worth if cause.worth > least][:_NAMED]
     names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in named)
     others = by_worth[len(named) :]
@@ -192,7 +204,8 @@ def _main_cause(worths: Sequence[_Worth], text: Callable[[float], str], least: f
     less = (
         f"; none of the other {len(others)} is worth more than {text(max(largest, least))}" if len(others) > 1 else ""
     )
-    return f"No single cause is worth half of it{f'; worth most: {names}{less}' if names else ''}."
+    whole = f"the {text(by_worth[0].whole)}" if by_worth else "it"
+    return f"No single cause is worth half of {whole}{f'; worth most: {names}{less}' if names else ''}."
 
 
 def _rest(main: _Worth, others: Sequence[_Worth], text: Callable[[float], str], least: float) -> str:
@@ -201,7 +214,7 @@ def _rest(main: _Worth, others: Sequence[_Worth], text: Callable[[float], str], 
     left = f"without it {text(remaining)} are left"
     named = [cause for cause in others if cause.worth > max(least, _SHARE_OF_REST * remaining)][:_NAMED]
     names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in named)
-    if sum(cause.worth for cause in named) > _MAIN_CAUSE * remaining:
+    if sum(cause.worth for cause in named) > MAIN_CAUSE * remaining:
         return f"{left}, next {names}"
     if main.rest:
         return f"{left}, most of it in {main.rest}"
