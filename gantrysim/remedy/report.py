@@ -25,7 +25,7 @@ from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import GAIN_ARROW
 from gantrysim.report.answer import Remedy
 from gantrysim.report.document import Changes, Section, Table, lead_of
-from gantrysim.results.checks import FAIL, PASS, WARN, Check
+from gantrysim.results.checks import FAIL, PASS, Check
 from gantrysim.results.verdict import Verdict
 from gantrysim.study.acceptance import improve_command
 
@@ -126,21 +126,28 @@ def _former_text(improvement: Improvement) -> str:
 
 
 def _values(improvement: Improvement) -> Iterator[str]:
-    """Yield values before and after the changes: the worst one of each row that was no pass, and what is still none."""
-    before = {(row.name, check.name): check for row in improvement.verdict.rows for check in row.checks}
-    cured = {(row.name, row.checks[0].name) for row in improvement.verdict.rows if row.checks and row.state != PASS}
+    """Yield values before and after the changes.
+
+    They are the worst one of each row that was no pass, all that failed of a row that is still none, and whatever is no
+    pass afterwards.
+    """
+    former = {row.name: {check.name: check for check in row.checks} for row in improvement.verdict.rows}
+    worst = {(row.name, row.checks[0].name) for row in improvement.verdict.rows if row.checks and row.state != PASS}
     for row in improvement.improved.rows:
         for check in row.checks:
-            key = (row.name, check.name)
-            if key in cured or check.state in (WARN, FAIL):
-                yield _gain_text(before.get(key), check)
+            before = former[row.name].get(check.name)
+            is_worst = (row.name, check.name) in worst
+            failed = row.state != PASS and before is not None and before.state == FAIL
+            if is_worst or failed or check.state != PASS:
+                # the limit of the worst one stands with the verdict
+                yield _gain_text(before, check, has_limit=check.state != PASS and not is_worst)
 
 
-def _gain_text(before: Check | None, after: Check) -> str:
-    """Return a value before and after, with its limit where it does not keep a distance from it."""
+def _gain_text(before: Check | None, after: Check, *, has_limit: bool) -> str:
+    """Return a value before and after, with its limit where that is to be told."""
     unit = f" {after.unit}" if after.unit else ""
     limit = f"{'at least' if after.at_least else 'at most'} {number_text(after.limit, after.form)}{unit}"
-    bound = "" if after.state == PASS else f", {limit}"
+    bound = f", {limit}" if has_limit else ""
     if before is None:
         return f"{after.measured}{bound}"
     if before.quantity != after.quantity:

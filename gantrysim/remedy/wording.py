@@ -26,7 +26,7 @@ _AT_ZERO = {
 }
 LAW = "servo.law"
 _FORM = ".4g"
-_LONGEST = 36  # characters of a meaning behind a line
+_LONGEST = 48  # characters of a meaning behind a line
 _DISPENSER = "dispenser."
 _DEMANDS = tuple(f"{_DISPENSER}{name}" for name in DEMANDS)
 _SPEED_LEVERS = (SLOWER.name, FASTER.name)
@@ -180,7 +180,8 @@ def _lever_text(trial: Trial, changes: Mapping[str, tuple[Any, Any]], keys: Keys
         speeds = (base.controller.programmed_speed, improved.controller.programmed_speed)
         texts = {"speed": _change_text(*speeds, "mm/s"), **texts}
     if not texts and trial.setting.partition(" ")[0].isdecimal():
-        return f"{name} {trial.setting} ({trial.lever.meaning})"
+        meaning = f" ({trial.lever.meaning})" if trial.lever.meaning else ""
+        return f"{name} {trial.setting}{meaning}"
     if LAW in changes and not texts:
         return f"{name} (servo law)"
     if not texts:

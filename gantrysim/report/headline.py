@@ -24,6 +24,7 @@ NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 _ALMOST_ALL = 0.9
 _MOST_OF_SQUARE = 0.5
 # worth of a cause, of the rms error
+_LITTLE = 0.05  # of the error, below which what is left without the main cause is not explained
 _NAMED = 2  # causes beside the main one
 _SHARE_OF_REST = 0.1  # of what is left without the main cause, from which on another one is named
 _LEAST_WORTH = 1e-4  # below it effects are numerical noise [mm]
@@ -212,7 +213,11 @@ def _rest(main: _Worth, others: Sequence[_Worth], text: Callable[[float], str], 
     """Return what is left without the main cause, and of what it is."""
     remaining = main.whole - main.worth
     left = f"without it {text(remaining)} are left"
-    named = [cause for cause in others if cause.worth > max(least, _SHARE_OF_REST * remaining)][:_NAMED]
+    if remaining < _LITTLE * main.whole:
+        return left
+    named = [cause for cause in others if cause.worth > max(least, _SHARE_OF_REST * remaining)]
+    # the first may explain it
+    named = named[: 1 if named and named[0].worth >= _ALMOST_ALL * remaining else _NAMED]
     names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in named)
     if sum(cause.worth for cause in named) > MAIN_CAUSE * remaining:
         return f"{left}, next {names}"
