@@ -184,8 +184,8 @@ def show_verdict(answer: Answer) -> None:
 
 def show_cause(answer: Answer, headline: str) -> None:
     """Print what spoils a run, as its page does, or its error where nothing does."""
-    if answer.state == PASS or not answer.spoilt:
-        _show_rows([("error", headline)])
+    if answer.state == PASS or not answer.rows or not answer.spoilt:
+        _show_rows([("error" if answer.state == PASS else "spoilt by", headline)])
         return
     also = [("", answer.also_spoilt)] if answer.also_spoilt else []
     _show_rows([("spoilt by", answer.spoilt), *also])

@@ -193,6 +193,9 @@ def _spoilt(results: RunResults) -> str:
         return headline(results)
     if sentences := _causes_of(row, results):
         return f"{row.name.capitalize()}: {_lowered(sentences)}"
+    if row.name == PATH:
+        # without its causes, where on the chain it lies
+        return headline(results)
     check = row.worst_check
     if check is None:
         return f"{row.remark[0].upper()}{row.remark[1:]}."
