@@ -92,7 +92,7 @@ def remedy_of(improvement: Improvement) -> Remedy:
     by_place = improvement.by_place
     if isinstance(by_place, SpeedByPlace) and by_place.outcome.duration < improvement.after.duration:
         command = f"{improve_command(improvement.base)} --out FOLDER"
-        time = f"{time}, or {by_place.outcome.duration:.2f} s slow only where needed ({command})"
+        time = f"{time}, or {by_place.outcome.duration:.2f} s with a speed for each stretch ({command})"
     outcome = "; ".join([after.headline, *_values(improvement), time])
     lines = improvement.lines
     return Remedy(

@@ -19,6 +19,11 @@ from gantrysim.servo.laws import FRICTION
 _UNIT = re.compile(r"\[([^\[\]]+)\]\.?$")
 # of a meaning: what stands before its unit and its details
 _BRIEF_MEANING = re.compile(r" *[\[(;:,.]")
+# of a meaning: where a further phrase begins, without which it still says something
+_PHRASE = re.compile(
+    r" (?=(?:above|after|ahead|and|as|at|before|below|between|by|for|from|in|of|on|or|over|than|that|to|under|until|"
+    r"when|where|which|while|with)\b|\")"
+)
 # what a key does at 0, where that is no smaller value of it
 _AT_ZERO = {
     **{f"dispenser.{name}": "0: the flow follows the path speed, see area" for name in DEMANDS if name != "area"},
@@ -52,8 +57,7 @@ class Keys:
         """Return what a key sets, in a few words; empty for an unknown one."""
         if key == LAW:
             return "control law"
-        words = _BRIEF_MEANING.split(self._meanings.get(key, ""), maxsplit=1)[0]
-        return words if len(words) <= _LONGEST else f"{words[: words.rfind(' ', 0, _LONGEST)]} …"
+        return _shortened(_BRIEF_MEANING.split(self._meanings.get(key, ""), maxsplit=1)[0])
 
     def before(self, key: str) -> Any:
         """Return the present value of a key, chosen or derived where the job does not give it; None if unknown."""
@@ -68,6 +72,15 @@ class Keys:
         if value is None and table == "servo":
             return _of_servo(self._base, leaf)
         return value
+
+
+def _shortened(meaning: str) -> str:
+    """Return a meaning up to the last phrase that fits behind a line, and does not end with a word that opens one."""
+    if len(meaning) <= _LONGEST:
+        return meaning
+    ends = [match.start() for match in _PHRASE.finditer(meaning, 0, _LONGEST + 1)]
+    phrases = [meaning[:end] for end in ends if not _PHRASE.search(f" {meaning[:end].rpartition(' ')[2]} ")]
+    return phrases[-1] if phrases else ""
 
 
 def _of_servo(job: Job, name: str) -> Any:
@@ -99,10 +112,12 @@ def notes_of_law(base: Job, improved: Job) -> Iterator[str]:
     if FRICTION.name in base.built_servo.laws.names or FRICTION.name not in improved.built_servo.laws.names:
         return
     axes = ", ".join(improved.built_machine.axis_names)
-    yield f"friction as the machine's model has it, in the order {axes}; gantrysim identify finds yours:"
+    yield f"this law takes the friction of the machine's model, in the order {axes}; gantrysim identify finds yours:"
     for parameter in FRICTION.parameters:
         values = ", ".join(f"{value:.4g}" for value in improved.built_servo.per_axis(parameter.name))
-        yield f"{parameter.name} = [{values}]  {parameter.unit.replace('u', 'mm')}"
+        units = [parameter.unit.replace("u", axis.unit) for axis in improved.built_machine.axes]
+        unit = units[0] if len(set(units)) == 1 else ", ".join(units)
+        yield f"{parameter.name} = [{values}]  {unit}"
 
 
 def value_text(value: Any) -> str:

@@ -26,6 +26,7 @@ _MOST_OF_SQUARE = 0.5
 # worth of a cause, of the rms error
 _LITTLE = 0.05  # of the error, below which what is left without the main cause is not explained
 _NAMED = 2  # causes beside the main one
+_OVERLAP = 0.05  # by which causes together exceed what is left, from which on that is said
 _SHARE_OF_REST = 0.1  # of what is left without the main cause, from which on another one is named
 _LEAST_WORTH = 1e-4  # below it effects are numerical noise [mm]
 _STATISTICS = {"path_max": "max", "path_p95": "p95"}  # of the contour error, by the limits of the path
@@ -197,7 +198,7 @@ def _main_cause(
         rest_worths = sorted(rest, key=lambda cause: cause.worth, reverse=True) or others
         if text(main.worth) == text(main.whole):
             return f"All {text(main.whole)} due to {name}."
-        return f"{text(main.worth)} of {text(main.whole)} due to {name}; {_rest(main, rest_worths, text, least)}."
+        return f"{_part(main, text)} due to {name}; {_rest(main, rest_worths, text, least)}."
     named = [cause for cause in by_worth if cause.worth > least][:_NAMED]
     names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in named)
     others = by_worth[len(named) :]
@@ -207,6 +208,14 @@ def _main_cause(
     )
     whole = f"the {text(by_worth[0].whole)}" if by_worth else "it"
     return f"No single cause is worth half of {whole}{f'; worth most: {names}{less}' if names else ''}."
+
+
+def _part(main: _Worth, text: Callable[[float], str]) -> str:
+    """Return what a cause is worth of the whole, their unit once: a percentage of percents would be ambiguous."""
+    part = text(main.worth)
+    whole = text(main.whole)
+    number, _, unit = part.rpartition("\N{NO-BREAK SPACE}" if "\N{NO-BREAK SPACE}" in part else " ")
+    return f"{number} of {whole}" if unit and whole.endswith(unit) else f"{part} of {whole}"
 
 
 def _rest(main: _Worth, others: Sequence[_Worth], text: Callable[[float], str], least: float) -> str:
@@ -220,14 +229,14 @@ def _rest(main: _Worth, others: Sequence[_Worth], text: Callable[[float], str], 
     named = named[: 1 if named and named[0].worth >= _ALMOST_ALL * remaining else _NAMED]
     names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in named)
     if sum(cause.worth for cause in named) > MAIN_CAUSE * remaining:
-        return f"{left}, next {names}"
+        overlap = "; causes overlap" if sum(cause.worth for cause in named) > (1 + _OVERLAP) * remaining else ""
+        return f"{left}, next {names}{overlap}"
     if main.rest:
         return f"{left}, most of it in {main.rest}"
     if names:
         return f"{left} by several causes together, alone {names}"
-    if not others:
-        return left
-    return f"{left} by several causes together, none alone more than {text(max(others[0].worth, least))}"
+    most = max(others[0].worth, least) if others else math.inf
+    return left if most >= remaining else f"{left} by several causes together, none alone more than {text(most)}"
 
 
 def _portion(share: float) -> str:

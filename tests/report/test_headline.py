@@ -33,7 +33,7 @@ def test_the_cause_of_most_of_the_error_is_told_with_what_is_left(cause):
     """With what it is, where its name alone does not tell."""
     name = f"{cause.name} ({cause.meaning})" if cause.name != "friction" else cause.name
     assert sentences(**{cause.name: 9.0}) == [
-        f"9.0 µm of 10.0 µm due to {name}; without it 1.0 µm are left by several causes together, "
+        f"9.0 of 10.0 µm due to {name}; without it 1.0 µm are left by several causes together, "
         "none alone more than 0.1 µm."
     ]
     assert sentences(**{cause.name: 10.0}) == [f"All 10.0 µm due to {name}."]
@@ -41,12 +41,12 @@ def test_the_cause_of_most_of_the_error_is_told_with_what_is_left(cause):
 
 def test_a_cause_worth_half_is_the_main_one():
     (text,) = sentences(friction=5.001, counts=4.0)
-    assert text == "5.0 µm of 10.0 µm due to friction; without it 5.0 µm are left, next counts (4.0 µm)."
+    assert text == "5.0 of 10.0 µm due to friction; without it 5.0 µm are left, next counts (4.0 µm)."
     # effects do not add up: the larger of two is named
     (text,) = sentences(friction=7.0, sampling=8.0, counts=2.0)
-    assert text.startswith("8.0 µm of 10.0 µm due to sampling")
-    assert text.endswith("without it 2.0 µm are left, next friction (7.0 µm).")
-    assert sentences(sampling=6.0, friction=3.0, counts=2.0)[0].endswith("next friction (3.0 µm) and counts (2.0 µm).")
+    assert text.startswith("8.0 of 10.0 µm due to sampling")
+    assert text.endswith("without it 2.0 µm are left, next friction (7.0 µm); causes overlap.")
+    assert sentences(sampling=6.0, friction=3.0, counts=2.0)[0].endswith("next friction (3.0 µm) and counts (2.0 µm); causes overlap.")
 
 
 def test_what_is_left_without_a_cause_is_told_by_its_link_where_no_other_cause_is_worth_much():
@@ -61,10 +61,10 @@ def test_the_causes_are_those_of_the_value_that_is_judged():
     before = {"contour": ErrorSpread(10e-3, 30e-3, 20e-3)}
     after = {"contour": ErrorSpread(4e-3, 12e-3, 5e-3)}
     causes = Causes(before, (Effect(CAUSES[3], before, after, ""),))
-    for name, text in (("path_max", "18.0 µm of 30.0 µm"), ("path_p95", "15.0 µm of 20.0 µm")):
+    for name, text in (("path_max", "18.0 of 30.0 µm"), ("path_p95", "15.0 of 20.0 µm")):
         check = Check(name=name, quantity=name, value=1.0, limit=1.0, unit="µm", source="given")
         assert next(cause_sentences(causes, check)).startswith(f"{text} due to friction")
-    assert next(cause_sentences(causes)).startswith("6.0 µm of 10.0 µm due to friction")
+    assert next(cause_sentences(causes)).startswith("6.0 of 10.0 µm due to friction")
 
 
 def test_where_no_cause_is_worth_half_nothing_is_blamed():
@@ -81,7 +81,7 @@ def test_where_no_cause_is_worth_half_nothing_is_blamed():
 
 def test_a_cause_whose_run_failed_is_not_taken_for_worthless():
     text, unknown = sentences(friction=6.0, sampling=None)
-    assert text.startswith("6.0 µm of 10.0 µm due to friction")
+    assert text.startswith("6.0 of 10.0 µm due to friction")
     assert unknown == "Not known, as the run without it failed: sampling."
     assert sentences(**dict.fromkeys(NAMES)) == [
         "No single cause is worth half of it.",
@@ -118,7 +118,7 @@ def test_beside_a_ploughed_bead_the_cause_of_what_else_fails_is_told(width, is_t
     remark, *others = glue_sentences(row(width), causes)
     assert remark == "Needle through its own bead: 1 pass; lift it."
     texts = [text.replace("\xa0", " ") for text in others]
-    told = f"Bead too narrow by 20.0 %: 15.0 % of 20.0 % due to {first.name}; without it 5.0 % are left."
+    told = f"Bead too narrow by 20.0 %: 15.0 of 20.0 % due to {first.name}; without it 5.0 % are left."
     assert texts == ([told] if is_told else [])
 
 
