@@ -46,7 +46,8 @@ def test_a_cause_worth_half_is_the_main_one():
     (text,) = sentences(friction=7.0, sampling=8.0, counts=2.0)
     assert text.startswith("8.0 of 10.0 µm due to sampling")
     assert text.endswith("without it 2.0 µm are left, next friction (7.0 µm); causes overlap.")
-    assert sentences(sampling=6.0, friction=3.0, counts=2.0)[0].endswith("next friction (3.0 µm) and counts (2.0 µm); causes overlap.")
+    (text,) = sentences(sampling=6.0, friction=3.0, counts=2.0)
+    assert text.endswith("next friction (3.0 µm) and counts (2.0 µm); causes overlap.")
 
 
 def test_what_is_left_without_a_cause_is_told_by_its_link_where_no_other_cause_is_worth_much():
