@@ -50,8 +50,8 @@ class Keys:
 
     def unit(self, key: str) -> str:
         """Return the unit of a key's value; empty for a ratio, a text, and an unknown key."""
-        found = _UNIT.search(self._meanings.get(key, ""))
-        return found[1] if found else ""
+        match = _UNIT.search(self._meanings.get(key, ""))
+        return match[1] if match else ""
 
     def meaning(self, key: str) -> str:
         """Return what a key sets, in a few words; empty for an unknown one."""
@@ -154,15 +154,15 @@ def words_of(trials: Sequence[Trial], base: Job, improved: Job) -> str:
     """
     keys = Keys(base)
     after = Keys(improved)
-    told: set[str] = set()
+    shown_keys: set[str] = set()
     texts = []
     for trial in trials:
         changes = {
             key: (keys.before(key), after.before(key))
             for key in trial.changes
-            if key not in told and keys.before(key) != after.before(key)
+            if key not in shown_keys and keys.before(key) != after.before(key)
         }
-        told |= set(changes)
+        shown_keys |= set(changes)
         texts.append(_lever_text(trial, changes, keys, base, improved))
     return "; ".join(texts)
 
@@ -220,7 +220,9 @@ def _flow_text(changes: Mapping[str, tuple[Any, Any]], base: Job, improved: Job)
 def _change_text(former: Any, now: Any, unit: str) -> str:
     """Return a value before and after with its unit; times in milliseconds."""
     if unit == "s":
-        former, now, unit = _scaled(former, 1e3), _scaled(now, 1e3), "ms"
+        former = _scaled(former, 1e3)
+        now = _scaled(now, 1e3)
+        unit = "ms"
     return f"{_numbers_text(former)}{GAIN_ARROW}{_numbers_text(now)}{f' {unit}' if unit else ''}"
 
 

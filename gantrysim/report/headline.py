@@ -143,16 +143,16 @@ def glue_cause_sentences(causes: GlueCauses, check: Check | None = None) -> Iter
     ]
     unit = f" {check.unit}" if check.unit else ""
     least = min((effect.value(check.name) for effect in causes.effects if effect.row is not None), default=math.nan)
-    rest = [
+    second_worths = [
         _Worth(effect.cause.name, least, least - effect.value(check.name), effect.cause.meaning)
-        for effect in causes.rest
+        for effect in causes.second_effects
         if not math.isnan(effect.value(check.name))
     ]
     yield _main_cause(
         worths,
         lambda value: f"{number_text(value, check.form)}{unit}",
         _LEAST_OF_GLUE * max(check.limit, check.value),
-        rest,
+        second_worths,
     )
     if failed := [f"{effect.cause.name} ({effect.failure})" for effect in causes.effects if effect.failure]:
         yield f"Not known: {', '.join(failed)}."
@@ -166,14 +166,14 @@ class _Worth(NamedTuple):
         whole: the error with it.
         worth: the error less that without it.
         meaning: of the cause, in a few words.
-        rest: where on the chain most of the error lies without it, in words; empty where that is unknown.
+        largest_link: where on the chain most of the error lies without it, in words; empty where that is unknown.
     """
 
     name: str
     whole: float
     worth: float
     meaning: str = ""
-    rest: str = ""
+    largest_link: str = ""
 
     @property
     def share(self) -> float:
@@ -181,7 +181,7 @@ class _Worth(NamedTuple):
 
 
 def _main_cause(
-    worths: Sequence[_Worth], text: Callable[[float], str], least: float, rest: Sequence[_Worth] = ()
+    worths: Sequence[_Worth], text: Callable[[float], str], least: float, second_worths: Sequence[_Worth] = ()
 ) -> str:
     """Return the sentence on the cause that is worth most.
 
@@ -189,13 +189,13 @@ def _main_cause(
         worths: of all causes.
         text: returns a value with its unit.
         least: worth below which a cause is not named.
-        rest: of the other causes, of what is left without the main one; by default of all.
+        second_worths: of the other causes, of what is left without the main one; by default of all.
     """
     by_worth = sorted(worths, key=lambda cause: cause.share, reverse=True)
     if by_worth and by_worth[0].share >= MAIN_CAUSE:
         main, *others = by_worth
         name = f"{main.name} ({main.meaning})" if main.meaning else main.name
-        rest_worths = sorted(rest, key=lambda cause: cause.worth, reverse=True) or others
+        rest_worths = sorted(second_worths, key=lambda cause: cause.worth, reverse=True) or others
         if text(main.worth) == text(main.whole):
             return f"All {text(main.whole)} due to {name}."
         return f"{_part(main, text)} due to {name}; {_rest(main, rest_worths, text, least)}."
@@ -221,22 +221,24 @@ def _part(main: _Worth, text: Callable[[float], str]) -> str:
 def _rest(main: _Worth, others: Sequence[_Worth], text: Callable[[float], str], least: float) -> str:
     """Return what is left without the main cause, and of what it is."""
     remaining = main.whole - main.worth
-    left = f"without it {text(remaining)} are left"
+    remainder = f"without it {text(remaining)} are left"
     if remaining < _LITTLE * main.whole:
-        return left
+        return remainder
     named = [cause for cause in others if cause.worth > max(least, _SHARE_OF_REST * remaining)]
     # the first may explain it
     named = named[: 1 if named and named[0].worth >= _ALMOST_ALL * remaining else _NAMED]
     names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in named)
     if sum(cause.worth for cause in named) > MAIN_CAUSE * remaining:
         overlap = "; causes overlap" if sum(cause.worth for cause in named) > (1 + _OVERLAP) * remaining else ""
-        return f"{left}, next {names}{overlap}"
-    if main.rest:
-        return f"{left}, most of it in {main.rest}"
+        return f"{remainder}, next {names}{overlap}"
+    if main.largest_link:
+        return f"{remainder}, most of it in {main.largest_link}"
     if names:
-        return f"{left} by several causes together, alone {names}"
+        return f"{remainder} by several causes together, alone {names}"
     most = max(others[0].worth, least) if others else math.inf
-    return left if most >= remaining else f"{left} by several causes together, none alone more than {text(most)}"
+    if most >= remaining:
+        return remainder
+    return f"{remainder} by several causes together, none alone more than {text(most)}"
 
 
 def _portion(share: float) -> str:

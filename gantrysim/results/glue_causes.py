@@ -212,12 +212,13 @@ class GlueCauses:
     Attributes:
         row: the verdict on the glue of the run.
         effects: effect of switching off each cause, in the order of `GLUE_CAUSES`.
-        rest: effect of switching off the main cause of `told_check` together with each other one; empty without one.
+        second_effects: effect of switching off the main cause of `told_check` together with each other one; empty
+            without a main cause.
     """
 
     row: Row
     effects: tuple[GlueEffect, ...]
-    rest: tuple[GlueEffect, ...] = ()
+    second_effects: tuple[GlueEffect, ...] = ()
 
     @property
     def check(self) -> Check | None:
@@ -271,8 +272,8 @@ def glue_causes_of(job: Job, bead: Bead) -> GlueCauses | None:
         return None
     effects = tuple(_effects(job, bead, row))
     main = _main_effect(row, effects)
-    rest = () if main is None else tuple(_effects_on_rest(job, bead, main))
-    return GlueCauses(row, effects, rest)
+    second_effects = () if main is None else tuple(_effects_on_rest(job, bead, main))
+    return GlueCauses(row, effects, second_effects)
 
 
 def told_check(row: Row) -> Check | None:

@@ -78,7 +78,9 @@ def test_a_fixed_flow_at_half_the_speed_is_too_wide_by_the_root_of_two_and_speed
     assert text.startswith(f"Glue: {causes.check.brief}")
     assert "due to speed changes (which the flow does not follow)." in text
     # nothing else is left
-    assert not causes.rest or all(abs(effect.value("bead_width") - rest) < 0.02 * wide for effect in causes.rest)
+    assert not causes.second_effects or all(
+        abs(effect.value("bead_width") - rest) < 0.02 * wide for effect in causes.second_effects
+    )
 
 
 def test_drops_that_a_jet_loses_are_the_cause_of_a_narrow_bead():
@@ -174,7 +176,7 @@ def test_what_is_left_without_the_main_cause_is_found_without_a_second_one_as_we
     assert min(values, key=values.get) == "speed changes"
     assert values["speed changes"] > 5
     # the dispenser has neither dead time nor leads, and the nozzle no error
-    (both,) = causes.rest
+    (both,) = causes.second_effects
     assert both.cause.name == "lag"
     assert both.value(check.name) < 1e-6
 
