@@ -212,10 +212,9 @@ def _main_cause(
 
 def _part(main: _Worth, text: Callable[[float], str]) -> str:
     """Return what a cause is worth of the whole, their unit once: a percentage of percents would be ambiguous."""
-    part = text(main.worth)
+    number, *unit = text(main.worth).split()
     whole = text(main.whole)
-    number, _, unit = part.rpartition("\N{NO-BREAK SPACE}" if "\N{NO-BREAK SPACE}" in part else " ")
-    return f"{number} of {whole}" if unit and whole.endswith(unit) else f"{part} of {whole}"
+    return f"{number} of {whole}" if whole.split()[1:] == unit else f"{text(main.worth)} of {whole}"
 
 
 def _rest(main: _Worth, others: Sequence[_Worth], text: Callable[[float], str], least: float) -> str:
