@@ -25,7 +25,7 @@ from gantrysim.job.steps import run_notes
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
-from gantrysim.report.answer import Answer
+from gantrysim.report.answer import Answer, without_order
 from gantrysim.report.folder import CARD, PLOTS, REPORT, VIDEO, write_run, write_summary
 from gantrysim.report.headline import headline
 from gantrysim.report.summary import sections_in_text
@@ -132,6 +132,9 @@ class Evaluation:
         self._find_causes()
         if self.wanted.repeat is not None and record.fault is None:
             self._find_scatter(self.wanted.repeat)
+        answer = Answer.of(self.results)
+        if self._proposes:
+            answer = replace(answer, spoilt=without_order(answer.spoilt, self.results.verdict))
         show_cause(answer, headline(self.results))
         show_choice(run_notes(self.results.job, record), str(folder))
 
@@ -179,6 +182,14 @@ class Evaluation:
         with self._optional("report"), share_bar("page", self._go_on) as advance:
             run_page(self.results, film, advance, self._changes, self._figures).write(folder / REPORT)
 
+    @property
+    def _proposes(self) -> bool:
+        """Whether changes are looked for: where they are wanted, of a verdict that is no pass, and can be had."""
+        results = self.results
+        if self.wanted.improve is False or results.verdict.state == PASS:
+            return False
+        return not _reason_to_skip(results.job, results.budget, is_default=self.wanted.improve is None)
+
     def propose(self, folder: Path) -> bool:
         """Simulate what may improve the two worst rows of a verdict that is no pass; return whether that is wanted.
 
@@ -186,9 +197,7 @@ class Evaluation:
             folder: of the run, as it is printed.
         """
         results = self.results
-        is_default = self.wanted.improve is None
-        wanted = self.wanted.improve is not False and results.verdict.state != PASS
-        if not wanted or _reason_to_skip(results.job, results.budget, is_default=is_default):
+        if not self._proposes:
             return False
         from gantrysim.remedy.improve import improve, worst_rows
         from gantrysim.remedy.outcome import Outcome

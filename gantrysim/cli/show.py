@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -36,7 +37,7 @@ def show_run(
     Exit status: 0, 2 for bad input.
     """
     from gantrysim.cli.tables import show_cause, show_change, show_choice, show_verdict
-    from gantrysim.report.answer import Answer
+    from gantrysim.report.answer import Answer, without_order
     from gantrysim.report.folder import REPORT, SUMMARY, SavedRun
 
     names = list(ASPECTS) if aspects == ["all"] else list(aspects or ())
@@ -57,6 +58,12 @@ def show_run(
     results = _results(saved)
     if not names:
         answer = Answer.of(results)
+        # what took further runs
+        spoilt, also_spoilt = [*summary.get("spoilt", ()), "", ""][:2]
+        spoilt = spoilt or answer.spoilt
+        if summary["changes"] is not None:
+            spoilt = without_order(spoilt, results.verdict)
+        answer = replace(answer, spoilt=spoilt, also_spoilt=also_spoilt)
         show_verdict(answer)
         show_cause(answer, summary["headline"])
         show_choice(summary["notes"], str(run))

@@ -34,6 +34,7 @@ _SHOWN_REST = 0.01  # time at rest with glue [s]; less is the begin of a bead
 LONGEST = 25  # lines of 80 columns
 
 _STYLES = {PASS: "green", WARN: "yellow", FAIL: "bold red", UNJUDGED: ""}
+_LABEL = 9  # columns of "spoilt by"
 _PASTED = 8  # lines to paste; more are left to `gantrysim show FOLDER levers`
 _INDENT = "  "
 _CONTINUED = " \\"  # a line of a shell
@@ -175,18 +176,19 @@ def show_verdict(answer: Answer) -> None:
     table.add_column(overflow="fold")
     for row in answer.rows:
         where = f": {row.place}" if row.place and row.state != PASS else ""
+        where += f" ({row.also.partition(' its')[0]} it)" if row.state == WARN and row.also else ""
         state = Text(f"{row.symbol} {row.state}", _STYLES[row.state])
         table.add_row(state, row.name, Text(unbreakable_text(f"{row.text}{where}")))
     show(table)
 
 
 def show_cause(answer: Answer, headline: str) -> None:
-    """Print what spoils a run, or its error where nothing does; a value that the verdict has above is left out."""
-    cause = headline
-    for row in answer.rows:
-        place = f", {row.place}" if row.place else ""
-        cause = cause.removeprefix(f"{row.name.capitalize()}: {row.text}{place}.").lstrip().removeprefix("Cause: ")
-    _show_rows([("error" if answer.state == PASS else "cause", cause or headline)])
+    """Print what spoils a run, as its page does, or its error where nothing does."""
+    if answer.state == PASS or not answer.rows or not answer.spoilt:
+        _show_rows([("error" if answer.state == PASS else "spoilt by", headline)])
+        return
+    also = [("", answer.also_spoilt)] if answer.also_spoilt else []
+    _show_rows([("spoilt by", answer.spoilt), *also])
 
 
 def show_choice(notes: Sequence[str], folder: str) -> None:
@@ -209,7 +211,7 @@ def show_change(changes: Mapping[str, Any], folder: str) -> None:
         changes: what `gantrysim.report.answer.Remedy` holds.
         folder: of the run.
     """
-    _show_rows([("change", changes["sentence"])])
+    _show_rows([("change", changes["change"])])
     lines = list(option_lines(changes["options"])) or changes["lines"].rstrip().splitlines()
     if len(lines) > _PASTED:
         _show_rows([("paste", f"{len(lines)} lines: gantrysim show {folder} levers")])
@@ -217,8 +219,7 @@ def show_change(changes: Mapping[str, Any], folder: str) -> None:
         say(f"paste into the {'command line' if changes['options'] else 'job file'}:")
         say("\n".join(_INDENT + line for line in lines))
     if changes["outcome"]:
-        values = [("", changes["values"])] if changes["values"] else []
-        _show_rows([("then", changes["outcome"]), *values])
+        _show_rows([("then", changes["outcome"])])
 
 
 def option_lines(options: Sequence[str]) -> Iterator[str]:
@@ -238,7 +239,7 @@ def option_lines(options: Sequence[str]) -> Iterator[str]:
 
 def _show_rows(rows: Sequence[tuple[str, str]]) -> None:
     table = Table.grid(padding=(0, 2, 0, 0))
-    table.add_column(no_wrap=True, style="bold", width=7)
+    table.add_column(no_wrap=True, style="bold", width=_LABEL)
     table.add_column(overflow="fold")
     for name, text in rows:
         table.add_row(name, Text(unbreakable_text(text)))

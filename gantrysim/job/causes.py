@@ -35,7 +35,7 @@ from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import substeps_of
-from gantrysim.metrics.analysis import Analysis, ErrorSize
+from gantrysim.metrics.analysis import Analysis, ErrorSpread
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import ERROR
 from gantrysim.paths.path import Projection
@@ -45,7 +45,7 @@ from gantrysim.servo.servo import Servo
 
 # What a job runs, and the errors of several such runs, made beside one another in threads.
 
-Errors = dict[str, ErrorSize]  # by link, and of the whole as "contour" [mm]
+Errors = dict[str, ErrorSpread]  # by link, and of the whole as "contour" [mm]
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def outcomes_of(
 
 def errors_of(budget: Budget) -> Errors:
     """Return the errors of a run by link, and as a whole."""
-    return {name: ErrorSize.of(part.size) for name, part in {**budget.parts, "contour": budget.contour}.items()}
+    return {name: ErrorSpread.of(part.size) for name, part in {**budget.parts, "contour": budget.contour}.items()}
 
 
 TITLE = "contour error without one cause at a time, and rms by link [µm]"
@@ -274,8 +274,9 @@ class Effect:
     def worth(self) -> Errors:
         """Errors with the cause minus those without it, negative where it offsets other causes; empty if it failed."""
         return {
-            name: ErrorSize(self.before[name].rms - size.rms, self.before[name].max - size.max)
+            name: ErrorSpread(before.rms - size.rms, before.max - size.max, before.p95 - size.p95)
             for name, size in self.without.items()
+            for before in [self.before[name]]
         }
 
 

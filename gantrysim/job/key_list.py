@@ -52,6 +52,18 @@ def controller_keys(name: str) -> list[Key]:
     return list(_rows(PROGRAMS[name], "program."))
 
 
+def meanings_of(job: Job) -> dict[str, str]:
+    """Return the meaning of every key of a job's tables, with its unit in brackets; a user's controller included."""
+    rows = (
+        *_settings(ServoSettings, "servo."),
+        *_rows(Dispenser, "dispenser."),
+        *_rows(BeadSettings, "bead."),
+        *_rows(Geometry, "geometry."),
+        *_rows(type(job.controller), "program."),
+    )
+    return {key.name: key.meaning for key in rows}
+
+
 def _default_text(value: Any) -> str:
     """Return a default as a job file states it."""
     if value is MISSING:

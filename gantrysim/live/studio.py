@@ -26,7 +26,7 @@ from gantrysim.live.packing import NOTHING, Parts
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.improve import improve
-from gantrysim.remedy.improvement import Improvement, names_of, values_to_set
+from gantrysim.remedy.improvement import Improvement, values_to_set
 from gantrysim.remedy.report import changes_of
 from gantrysim.report.encoding import MOST_ROWS
 from gantrysim.report.headline import headline
@@ -224,7 +224,7 @@ class Studio:
         if whole is not None:
             cells = improvement.combined_rows[-1]
             proposals.append(
-                proposal(names_of(improvement.combination), (*cells[:-1], "together"), whole, is_whole=True)
+                proposal(improvement.words_of(improvement.combination), (*cells[:-1], "together"), whole, is_whole=True)
             )
         for trial, cells in zip(improvement.trials, improvement.trial_rows, strict=True):
             if not trial.failure:

@@ -23,6 +23,7 @@ from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, shown_gains
+from gantrysim.remedy.wording import LAW, Keys, comment_of, notes_of_law, words_of
 from gantrysim.results.checks import FAIL, PASS, Check, Row
 from gantrysim.results.glue import ploughing_reason, ploughing_remedy
 from gantrysim.results.score import row_burden, usage_of, usages_of
@@ -88,20 +89,31 @@ def toml_lines(base: Job, improved: Job) -> str:
         head = {f"{_PROGRAM}file": given.program_file}
         if given.controller is not None:
             head[f"{_PROGRAM}controller"] = given.controller
-    lines = _tables(head | values)
+    lines = _tables(head | values, _comments(base, improved, values))
     if given is not None and given.program_file:
-        return f'name = "{base.name}"\n{lines}'
+        return f'# a whole job file, for gantrysim run\nname = "{base.name}"\n{lines}'
     return lines.replace("[program]\n", f"[program]  # {_WHOLE}\n", 1) if f"{_PROGRAM}controller" in head else lines
 
 
-def _tables(values: Mapping[str, Any]) -> str:
+def _comments(base: Job, improved: Job, values: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return comments by keys: the first stands behind the key's line, others below it."""
+    keys = Keys(base)
+    comments = {key: [comment_of(keys, key, value)] for key, value in values.items() if "\n" not in str(value)}
+    if LAW in comments:
+        comments[LAW] += notes_of_law(base, improved)
+    return comments
+
+
+def _tables(values: Mapping[str, Any], comments: Mapping[str, Sequence[str]]) -> str:
     tables: dict[str, list[str]] = {}
     # keys without a table come first
     for key, value in sorted(values.items(), key=lambda item: "." in item[0]):
         table, _, leaf = key.rpartition(".")
         is_text = isinstance(value, str) and "\n" in value
         text = tomli_w.dumps({leaf: value}, multiline_strings=True) if is_text else f"{leaf} = {_inline(value)}\n"
-        tables.setdefault(table, []).append(text)
+        first, *others = comments.get(key) or [""]
+        text = f"{text.rstrip()}  # {first}\n" if first else text
+        tables.setdefault(table, []).extend([text, *(f"# {other}\n" for other in others)])
     return "\n".join("".join([f"[{table}]\n" if table else "", *lines]) for table, lines in tables.items())
 
 
@@ -251,7 +263,7 @@ class Improvement(Shown):
             return f"{self.verdict.fault} The run ends in a fault: no lever is tried before that is repaired."
         if self.before.burden == 0 and not self.combination:
             return f"nothing to change: the verdict is {self.verdict.state}."
-        names = names_of(self.by_worst_value)
+        names = self.words_of(self.by_worst_value)
         if self.after.burden == 0:
             return f"passes with {names}."
         if missed := self._missed:
@@ -267,12 +279,33 @@ class Improvement(Shown):
         bound = reason or f"what forbids it is {bound_of(self.job, worst.name)}"
         return f"{remains}, {worst.checks[0].brief}. {bound[0].upper()}{bound[1:]}."
 
+    def words_of(self, trials: Sequence[Trial]) -> str:
+        """Return levers of the combination in words, each with its values before and after."""
+        return words_of(trials, self.base, self.job)
+
+    @property
+    def lowers_worst_value(self) -> bool:
+        """Whether the combination lowers the worst value, or there is none."""
+        row = self.verdict.worst_row
+        check = self.verdict.worst_check
+        return row is None or check is None or _lowers(check, row.name, check.value, self.improved)
+
+    @property
+    def by_hand(self) -> str:
+        """What still fails with the combination, and what to do about it by hand; empty where nothing fails."""
+        row = max(self.improved.rows, key=row_burden)
+        if row.state != FAIL:
+            return ""
+        if row.fails_without_check or not row.checks:
+            return row.remark
+        return ploughing_reason(row) or f"what forbids it is {bound_of(self.job, row.name)}"
+
     @property
     def _missed(self) -> str:
         """What to do about the worst value where no lever lowers it, and what the levers do; empty where one does."""
         row = self.verdict.worst_row
         check = self.verdict.worst_check
-        if row is None or check is None or _lowers(check, row.name, check.value, self.improved):
+        if row is None or check is None or self.lowers_worst_value:
             return ""
         order = ploughing_remedy(self.improved[row.name])
         what = order or f"what forbids it is {bound_of(self.job, row.name)}"
@@ -284,7 +317,7 @@ class Improvement(Shown):
                 others.setdefault(gain.row, f"{gain.quantity} {gain.text}")
         if not others or not self.combination:
             return text
-        names = names_of(self.combination)
+        names = self.words_of(self.combination)
         verb = "are" if len(self.combination) > 1 else "is"
         return f"{text} {names[0].upper()}{names[1:]} {verb} for what else fails: {', '.join(others.values())}."
 
@@ -454,8 +487,3 @@ def _record(trial: Trial, *, combined: bool) -> dict[str, Any]:
             f"{gain.row}_state": gain.state,
         }
     return record | {"duration_s": trial.outcome.duration, "longer_by_s": trial.time, "failure": trial.failure}
-
-
-def names_of(trials: Sequence[Trial]) -> str:
-    """Return levers with their settings, in words."""
-    return ", ".join(f"{trial.lever.name} ({trial.setting})" if trial.setting else trial.lever.name for trial in trials)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from gantrysim.base.errors import InputError
+from gantrysim.base.quantity import number_text
 from gantrysim.compare.runs.differences import check_changes
 from gantrysim.compare.runs.runs_page import (
     RunComparison,
@@ -18,13 +19,13 @@ from gantrysim.compare.runs.runs_page import (
 from gantrysim.job.job import Job
 from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.improve import improve, worst_rows
-from gantrysim.remedy.improvement import USAGE, Improvement, names_of, options
+from gantrysim.remedy.improvement import USAGE, Improvement, options
 from gantrysim.remedy.lever import FREE
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import GAIN_ARROW
 from gantrysim.report.answer import Remedy
 from gantrysim.report.document import Changes, Section, Table, lead_of
-from gantrysim.results.checks import FAIL, PASS
+from gantrysim.results.checks import FAIL, PASS, Check
 from gantrysim.results.verdict import Verdict
 from gantrysim.study.acceptance import improve_command
 
@@ -86,28 +87,34 @@ def remedy_of(improvement: Improvement) -> Remedy:
         return Remedy(_caption(improvement.sentence), sentence=improvement.sentence)
     after = improvement.improved
     costs = "; ".join(dict.fromkeys(trial.cost for trial in improvement.combination if trial.cost != FREE))
-    before, now = (f"{outcome.duration:.2f} s" for outcome in (improvement.before, improvement.after))
-    time = f"{now}, as before" if before == now else f"{now} instead of {before}"
-    remains = "" if after.worst_check is None else f", {after.worst_check.brief}"
-    # the sentence may tell them already
-    values = "" if GAIN_ARROW in improvement.sentence else _values(improvement)
+    before, now = (f"{outcome.duration:.2f}" for outcome in (improvement.before, improvement.after))
+    time = f"time {now} s as before" if before == now else f"time {before}{GAIN_ARROW}{now} s"
     by_place = improvement.by_place
     if isinstance(by_place, SpeedByPlace) and by_place.outcome.duration < improvement.after.duration:
-        time = f"{time}, or {by_place.outcome.duration:.2f} s with a program that is slow only where it must be"
-        values = f"{values}; {improve_command(improvement.base)} --out FOLDER writes that program".removeprefix("; ")
-    outcome = f"{after.headline}{remains}; {time}"
+        command = f"{improve_command(improvement.base)} --out FOLDER"
+        time = f"{time}, or {by_place.outcome.duration:.2f} s with a speed for each stretch ({command})"
+    outcome = "; ".join([after.headline, *_values(improvement), time])
     lines = improvement.lines
-    names = f"{names_of(improvement.by_worst_value)}."
     return Remedy(
-        # what remains stands beside the levers, so that no change seems to cure what it does not
-        _caption(names if after.state != FAIL else improvement.sentence),
+        _caption(_change(improvement)),
         f"{outcome}. Costs: {costs}." if costs else f"{outcome}.",
         lines.get("job file") or lines.get("command line", ""),
         tuple(options(improvement.base, improvement.job)),
         improvement.sentence,
-        values,
         _former_text(improvement),
     )
+
+
+def _change(improvement: Improvement) -> str:
+    """Return the levers, and what must be done by hand: so no lever seems to cure what it does not."""
+    names = improvement.words_of(improvement.by_worst_value)
+    by_hand = improvement.by_hand
+    if not by_hand:
+        return f"{names}."
+    if improvement.lowers_worst_value:
+        return f"{names}. Not enough: {by_hand}."
+    order = by_hand.rpartition(": ")[2]
+    return f"{order}: no setting cures that. For the rest: {names}."
 
 
 def _former_text(improvement: Improvement) -> str:
@@ -118,23 +125,37 @@ def _former_text(improvement: Improvement) -> str:
     return former if former != now else ""
 
 
-def _values(improvement: Improvement) -> str:
-    """Return the values after the changes that fail without them, and the worst ones of rows that do not pass."""
-    former = {row.name: row for row in improvement.verdict.rows}
-    # the worst one is told with the verdict
-    worst = improvement.improved.worst_check
-    texts = []
+def _values(improvement: Improvement) -> Iterator[str]:
+    """Yield values before and after the changes.
+
+    They are the worst one of each row that was no pass, all that failed of a row that is still none, and whatever is no
+    pass afterwards.
+    """
+    former = {row.name: {check.name: check for check in row.checks} for row in improvement.verdict.rows}
+    worst = {(row.name, row.checks[0].name) for row in improvement.verdict.rows if row.checks and row.state != PASS}
     for row in improvement.improved.rows:
-        failed = {check.name for check in former[row.name].checks if check.state == FAIL}
-        is_bad = row.state != PASS or former[row.name].state != PASS
-        checks = [check for check in row.checks if check.name in failed or (is_bad and check is row.checks[0])]
-        values = [
-            check.brief if check is row.checks[0] or check.state != PASS else check.measured
-            for check in checks
-            if check is not worst
-        ]
-        texts += [f"{row.name}: {', '.join(values)}"] if values else []
-    return "; ".join(texts)
+        for check in row.checks:
+            before = former[row.name].get(check.name)
+            is_worst = (row.name, check.name) in worst
+            failed = row.state != PASS and before is not None and before.state == FAIL
+            if is_worst or failed or check.state != PASS:
+                # the limit of the worst one stands with the verdict
+                yield _gain_text(before, check, has_limit=check.state != PASS and not is_worst)
+
+
+def _gain_text(before: Check | None, after: Check, *, has_limit: bool) -> str:
+    """Return a value before and after, with its limit where that is to be told."""
+    unit = f" {after.unit}" if after.unit else ""
+    limit = f"{'at least' if after.at_least else 'at most'} {number_text(after.limit, after.form)}{unit}"
+    bound = f", {limit}" if has_limit else ""
+    if before is None:
+        return f"{after.measured}{bound}"
+    if before.quantity != after.quantity:
+        return f"{before.measured}{GAIN_ARROW}{after.measured}{bound}"
+    values = [number_text(check.value, check.form) for check in (before, after)]
+    if values[0] == values[1]:
+        return f"{after.quantity} still {values[1]}{unit}{bound}"
+    return f"{after.quantity} {GAIN_ARROW.join(values)}{unit}{bound}"
 
 
 def _caption(text: str) -> str:

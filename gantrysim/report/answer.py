@@ -6,15 +6,40 @@ import os
 import time
 from dataclasses import asdict, dataclass
 from difflib import SequenceMatcher
-from typing import Any
+from itertools import groupby
+from typing import Any, NamedTuple
 
 from gantrysim.report.headline import cause_sentences, glue_sentences, headline
 from gantrysim.results.checks import FAIL, NEAR_LIMIT, PASS, WARN, Row
 from gantrysim.results.glue import ploughing_remedy
 from gantrysim.results.run_results import RunResults
-from gantrysim.results.verdict import GLUE, PATH
+from gantrysim.results.verdict import GLUE, PATH, Verdict
 
 _QUOTES = '"""'  # around a text of several lines in TOML
+_REPLIES = {PASS: "Yes", WARN: "Barely", FAIL: "No"}  # to whether a run is good enough
+_UNKNOWN = "Not known"
+_FEW_LINES = 3  # of the program that stay, and are shown in full
+# of a line of the program
+_SAME = "same"
+_NEW = "new"
+
+
+class MarkedLine(NamedTuple):
+    """A line to paste.
+
+    Attributes:
+        text: the line.
+        change: "same" for a line of the program that stays, "new" or what it was for another one; empty for a line of
+            a table.
+    """
+
+    text: str
+    change: str = ""
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether it is a line of the program that the former text does not have."""
+        return self.change not in ("", _SAME)
 
 
 @dataclass(frozen=True)
@@ -27,7 +52,6 @@ class Remedy:
         lines: to paste into the job's file, or a command line; empty where nothing is to be changed.
         options: for the command line, after those with which the job was loaded; none where they cannot express it.
         sentence: whether the verdict is then a pass, and what remains otherwise.
-        values: worst values, with the changes, of the rows that do not pass without them.
         former: the program's text without the changes, where the lines hold a changed one.
     """
 
@@ -36,7 +60,6 @@ class Remedy:
     lines: str = ""
     options: tuple[str, ...] = ()
     sentence: str = ""
-    values: str = ""
     former: str = ""
 
     def content(self) -> dict[str, Any]:
@@ -44,18 +67,35 @@ class Remedy:
         return {name: value for name, value in asdict(self).items() if name != "former"}
 
     @property
-    def marked_lines(self) -> list[tuple[str, bool]]:
-        """The lines, and whether each is a line of the program that the former text does not have."""
+    def marked_lines(self) -> list[MarkedLine]:
+        """The lines; those of the program are compared with the former text."""
         lines = self.lines.rstrip().split("\n")
-        marked = [False] * len(lines)
-        if self.former and any(line.endswith(_QUOTES) for line in lines):
-            first = next(k for k, line in enumerate(lines) if line.endswith(_QUOTES)) + 1
-            after = next((k for k in range(first, len(lines)) if lines[k].endswith(_QUOTES)), len(lines))
-            matcher = SequenceMatcher(None, self.former.rstrip().split("\n"), lines[first:after], autojunk=False)
-            for kind, _, _, begin, end in matcher.get_opcodes():
-                if kind in ("replace", "insert"):
-                    marked[first + begin : first + end] = [True] * (end - begin)
-        return list(zip(lines, marked, strict=True))
+        marked = [MarkedLine(line) for line in lines]
+        if not self.former or not any(line.endswith(_QUOTES) for line in lines):
+            return marked
+        first = next(k for k, line in enumerate(lines) if line.endswith(_QUOTES)) + 1
+        after = next((k for k in range(first, len(lines)) if lines[k].endswith(_QUOTES)), len(lines))
+        former = self.former.rstrip().split("\n")
+        matcher = SequenceMatcher(None, former, lines[first:after], autojunk=False)
+        for kind, was_begin, was_end, begin, end in matcher.get_opcodes():
+            for k in range(begin, end):
+                was = was_begin + k - begin
+                if kind == "equal":
+                    change = _SAME
+                elif kind == "replace" and was < was_end:
+                    change = f"was {former[was].strip()}"
+                else:
+                    change = _NEW
+                marked[first + k] = MarkedLine(lines[first + k], change)
+        return marked
+
+    @property
+    def groups(self) -> list[tuple[bool, list[MarkedLine]]]:
+        """The lines in groups of which each is either shown, or stands for lines of the program that stay."""
+        grouped = [
+            (stays, list(lines)) for stays, lines in groupby(self.marked_lines, lambda line: line.change == _SAME)
+        ]
+        return [(stays and len(lines) > _FEW_LINES, lines) for stays, lines in grouped]
 
 
 @dataclass(frozen=True)
@@ -101,6 +141,12 @@ class Answer:
     title: str = ""
     also_spoilt: str = ""
 
+    @property
+    def reply(self) -> str:
+        """The verdict as the reply to whether the run is good enough."""
+        is_judged = self.state != WARN or any(row.state == WARN for row in self.rows)
+        return f"{_REPLIES[self.state] if is_judged else _UNKNOWN} – {self.title}"
+
     @classmethod
     def of(cls, results: RunResults, remedy: Remedy | None = None) -> Answer:
         """Return the answer of a run, with what a search for changes has found."""
@@ -112,11 +158,15 @@ class Answer:
         if verdict.unjudged:
             title = f"{verdict.state}: {'fault' if verdict.fault else 'errors not known'}"
         spoilt = _spoilt(results)
-        order = "" if verdict.worst_row is None else ploughing_remedy(verdict.worst_row)
-        # told once, where it is the change
-        if remedy is not None and order and order in remedy.change:
-            spoilt = spoilt.replace(f": {order}", "")
+        if remedy is not None:
+            spoilt = without_order(spoilt, verdict)
         return cls(verdict.state, verdict.headline, rows, spoilt, remedy, title, _also_spoilt(results))
+
+
+def without_order(spoilt: str, verdict: Verdict) -> str:
+    """Return what spoils a run without what to do about it by hand, as what to change is told beside it."""
+    order = "" if verdict.worst_row is None else ploughing_remedy(verdict.worst_row)
+    return spoilt.replace(f": {order}", "") if order else spoilt
 
 
 def _row(row: Row) -> AnswerRow:
@@ -124,10 +174,11 @@ def _row(row: Row) -> AnswerRow:
     if worst is None or row.fails_without_check:
         return AnswerRow(row.state, row.symbol, row.name, row.remark)
     others = [check.brief for check in row.checks if check is not worst and check.state == FAIL]
-    also = f"also {'; '.join(others)}" if others and row.name != PATH else ""
+    also = f"also {'; '.join(others)}" if others else ""
     if row.state == WARN:
-        warns = f"below {100 / NEAR_LIMIT:g}" if worst.at_least else f"above {100 * NEAR_LIMIT:g}"
-        also = f"warns {warns} % of the limit"
+        bound = f"below {100 / NEAR_LIMIT:g}" if worst.at_least else f"above {100 * NEAR_LIMIT:g}"
+        share = 100 / worst.usage if worst.at_least else 100 * worst.usage
+        also = f"{share:.0f} % of its limit: warns {bound} %"
     return AnswerRow(row.state, row.symbol, row.name, worst.brief, worst.place.brief, also)
 
 
@@ -137,11 +188,14 @@ def _spoilt(results: RunResults) -> str:
     if results.verdict.unjudged:
         return results.verdict.unjudged
     if row is None:
-        return ""
+        return _nearest(results.verdict)
     if results.verdict.disturbances:
         return headline(results)
     if sentences := _causes_of(row, results):
-        return sentences
+        return f"{row.name.capitalize()}: {_lowered(sentences)}"
+    if row.name == PATH:
+        # without its causes, where on the chain it lies
+        return headline(results)
     check = row.worst_check
     if check is None:
         return f"{row.remark[0].upper()}{row.remark[1:]}."
@@ -149,21 +203,35 @@ def _spoilt(results: RunResults) -> str:
     return f"{check.brief[0].upper()}{check.brief[1:]}{where}."
 
 
+def _nearest(verdict: Verdict) -> str:
+    """Return that nothing spoils a run that passes, and what comes nearest to its limit."""
+    row = max(verdict.rows, key=lambda row: row.severity)
+    check = next((check for check in row.checks if check.state == PASS), None)
+    if check is None:
+        return "Nothing."
+    share = 100 / check.usage if check.at_least else 100 * check.usage
+    return f"Nothing. Nearest to its limit: {row.name}, {check.measured}, {share:.0f} % of the limit."
+
+
 def _also_spoilt(results: RunResults) -> str:
-    """Return what spoils the better one of path and glue, where it does not pass either; empty where it is unknown."""
+    """Return what spoils the better one of path and glue, where it is as bad a state; empty where it is unknown."""
     verdict = results.verdict
     worst = verdict.worst_row
     if worst is None or verdict.unjudged or verdict.disturbances:
         return ""
-    rows = [row for row in verdict.rows if row.name in (PATH, GLUE) and row.state in (WARN, FAIL) and row is not worst]
+    rows = [row for row in verdict.rows if row.name in (PATH, GLUE) and row.state == worst.state and row is not worst]
     causes = {row.name.capitalize(): _causes_of(row, results) for row in rows}
-    return " ".join(f"{name}: {text[0].lower()}{text[1:]}" for name, text in causes.items() if text)
+    return " ".join(f"{name}: {_lowered(text)}" for name, text in causes.items() if text)
+
+
+def _lowered(text: str) -> str:
+    return f"{text[0].lower()}{text[1:]}"
 
 
 def _causes_of(row: Row, results: RunResults) -> str:
     """Return the causes of path or glue in sentences; empty for another row, or where they are unknown."""
     if row.name == PATH and results.causes is not None:
-        return " ".join(cause_sentences(results.causes, "rms"))
+        return " ".join(cause_sentences(results.causes, row.worst_check))
     return " ".join(glue_sentences(row, results.glue_causes)) if row.name == GLUE else ""
 
 

@@ -17,6 +17,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import DURATION, END_POINT
 from gantrysim.metrics.parts import ERROR_SIZES
 from gantrysim.record.run import Run
+from gantrysim.report.answer import Answer
 from gantrysim.report.causes import causes_section, causes_summary, glue_causes_section, glue_causes_summary
 from gantrysim.report.document import Changes, Section
 from gantrysim.report.headline import headline
@@ -45,6 +46,7 @@ def summary(results: RunResults, changes: Changes | None = None) -> dict[str, An
         injected: deliberate faults, whether the run came to them, and what they cost; null without any
         scatter: of runs with other zeros of the encoders; missing without --repeat
         headline: what spoils the run in a sentence or two; of a run with faults, what happened
+        spoilt: what spoils the run, by the row of the verdict, the worst first; empty for a pass
         changes: what to change in the job (`Remedy`); null where it was not looked for
         sections: sections of the page whose values took further runs, as text, by the names of `gantrysim show`
     """
@@ -52,6 +54,7 @@ def summary(results: RunResults, changes: Changes | None = None) -> dict[str, An
     run = results.budget.analysis.run
     groups = {group.name: group.contents(results) for group in GROUPS if group is not LOSSES_GROUP}
     scatter = {} if results.scatter is None else {"scatter": scatter_summary(results.scatter)}
+    answer = Answer.of(results)
     return {
         "verdict": results.verdict.content(),
         "job": job.name,
@@ -65,6 +68,7 @@ def summary(results: RunResults, changes: Changes | None = None) -> dict[str, An
         "fault": _fault(run),
         "injected": _injected_faults(run, LOSSES_GROUP.contents(results)),
         "headline": headline(results),
+        "spoilt": [text for text in (answer.spoilt, answer.also_spoilt) if text],
         "changes": None if changes is None else changes.remedy.content(),
         "sections": {name: section.content() for name, section in sections_in_text(results, changes)},
         "versions": versions(results.machine),

@@ -235,7 +235,9 @@ def _passes_content(ploughing: Ploughing, bead: Bead) -> dict[str, Any]:
 def _ploughing_check(ploughing: Ploughing, tolerance: Tolerance, place_at: PlaceAt) -> Check:
     """Return the check of the bead that the needle passes through after it has laid it."""
     place = None if ploughing.tick is None else place_at(ploughing.tick)
-    return Check.of(PLOUGHED, tolerance.bound("bead_ploughed"), ploughing.length, place=place)
+    # the place is that of one pass, the length that of all
+    words = f"{PLOUGHED.label}, in all"
+    return Check.of(PLOUGHED, tolerance.bound("bead_ploughed"), ploughing.length, words, place)
 
 
 def _ploughing_remarks(ploughing: Ploughing, bead: Bead, tolerance: Tolerance) -> Iterator[str]:
@@ -267,17 +269,17 @@ def _off_the_path(bead: Bead, tolerance: Tolerance) -> str:
 def _remedy(tick: int, bead: Bead) -> str:
     """Return what prevents a pass through glue, in words."""
     run = bead.run
+    where = "" if "z" in run.axes else ", on a machine with a z axis,"
     if run.dispense[tick - 1]:
         return (
-            "the path crosses its own bead while it dispenses: lay it without crossings, or lift the needle over them "
-            "with the valve closed"
+            "the path crosses its own bead while it dispenses: lay the bead without crossings, or lift the needle over "
+            f"them{where} with the valve closed"
         )
     height = run.nozzle[:, 2] - bead.surface()
     top = max([float(bead.nominal_section.height[0]), *(dot.cap.height for dot in bead.dots)])
     if float(height.max()) > top + bead.gap:
         return "a dry move leads through it: lift the needle before this dry move"
-    where = "" if "z" in run.axes else ", on a machine with a z axis"
-    return f"it never lifts: lift it before dry moves{where}, or lead them around the bead"
+    return f"it never lifts: lift the needle before dry moves{where} or order them so that none crosses the bead"
 
 
 def ploughing_reason(row: Row) -> str:

@@ -7,7 +7,7 @@ anew from the record.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,11 +26,14 @@ from gantrysim.job.basis import program_lines
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run
-from gantrysim.results.checks import PASS, Check, Row
+from gantrysim.results.checks import FAIL, PASS, Check, Row
 from gantrysim.results.glue import glue_row
 from gantrysim.results.verdict import places_of
+from gantrysim.results.verdict_quantities import PLOUGHED
 
 TITLE = "values of the glue without one cause at a time"
+
+MAIN_CAUSE = 0.5  # share of an error from which on a cause is its main one
 
 _LEAST_SHIFT = 1e-9  # of the nozzle [mm]
 _OF_KINDS = ("pump", "piston", "motor", "jet")
@@ -46,6 +49,7 @@ class GlueCause:
         without: returns the record without it, or the record itself where it is absent.
         moves: whether that has another trace of the nozzle.
         meaning: in a few words, where the name alone does not tell what it is.
+        dispenser: returns a dispenser without it; None for a cause that is none of the dispenser's.
     """
 
     name: str
@@ -53,6 +57,7 @@ class GlueCause:
     without: Callable[[Job, Bead], Run]
     moves: bool = False
     meaning: str = ""
+    dispenser: Callable[[Dispenser], Dispenser] | None = None
 
 
 def without_dead_time(dispenser: Dispenser) -> Dispenser:
@@ -86,6 +91,10 @@ def without_shot_rate(dispenser: Dispenser) -> Dispenser:
     return replace(dispenser, jet=replace(dispenser.jet or Jet(), top_rate=LARGEST_VALUE))
 
 
+def _of_dispenser(name: str, off: str, change: Callable[[Dispenser], Dispenser], meaning: str = "") -> GlueCause:
+    return GlueCause(name, off, _with_dispenser(change), meaning=meaning, dispenser=change)
+
+
 def _with_dispenser(change: Callable[[Dispenser], Dispenser]) -> Callable[[Job, Bead], Run]:
     def without(job: Job, bead: Bead) -> Run:
         changed = change(job.dispenser)
@@ -97,14 +106,10 @@ def _with_dispenser(change: Callable[[Dispenser], Dispenser]) -> Callable[[Job, 
 def at_constant_speed(job: Job, bead: Bead) -> Run:
     """Return a record whose glue lies as if the nozzle passed all of its path at one speed, the median with glue.
 
-    The dispenser gets the command of each place at the time at which the nozzle would then pass it.
-
-    Raises:
-        InputError: the job lays dots, which need a nozzle at rest.
+    The dispenser gets the command of each place at the time at which the nozzle would then pass it. Dots, which are
+    laid at rest, stay as they are.
     """
     run = bead.run
-    if bead.dots:
-        raise InputError("dots are laid at rest")
     steps = surface_steps(run) / run.period
     moving = run.dispense[:-1] & (steps > 0)
     if not moving.any():
@@ -129,6 +134,10 @@ def at_constant_speed(job: Job, bead: Bead) -> Run:
     constant = np.append(np.diff(volume) / run.period, 0.0)
     constant[0] += volume[0] / run.period
     demand = np.where(run.dispense, bead.nominal * np.append(steps, 0.0), 0.0)
+    for dot in bead.dots:
+        share = slice(*dot.share)
+        constant[share] = run.flow[share]
+        demand[share] = run.flow_demand[share]
     return run.replaced(flow=constant, flow_demand=demand)
 
 
@@ -154,20 +163,15 @@ SPEED_CHANGES = GlueCause(
     meaning="which the flow does not follow",
 )
 GLUE_CAUSES = (
-    GlueCause(
-        "valve delay", "the flow begins to change at once, without the leads for it", _with_dispenser(without_dead_time)
+    _of_dispenser("valve delay", "the flow begins to change at once, without the leads for it", without_dead_time),
+    _of_dispenser(
+        "lag", "the flow follows its request after the dead time", without_lag, "of the flow behind its request"
     ),
-    GlueCause(
-        "lag",
-        "the flow follows its request after the dead time",
-        _with_dispenser(without_lag),
-        meaning="of the flow behind its request",
-    ),
-    GlueCause(
+    _of_dispenser(
         "shot rate",
         "the jet is ready for every drop that comes due",
-        _with_dispenser(without_shot_rate),
-        meaning="of the jet, which loses drops",
+        without_shot_rate,
+        "of the jet, which loses drops",
     ),
     SPEED_CHANGES,
     GlueCause("path error", "the nozzle is above the requested path", _with_nozzle_shift((0.0, 0.0, 1.0)), moves=True),
@@ -208,10 +212,13 @@ class GlueCauses:
     Attributes:
         row: the verdict on the glue of the run.
         effects: effect of switching off each cause, in the order of `GLUE_CAUSES`.
+        second_effects: effect of switching off the main cause of `told_check` together with each other one; empty
+            without a main cause.
     """
 
     row: Row
     effects: tuple[GlueEffect, ...]
+    second_effects: tuple[GlueEffect, ...] = ()
 
     @property
     def check(self) -> Check | None:
@@ -263,7 +270,63 @@ def glue_causes_of(job: Job, bead: Bead) -> GlueCauses | None:
     row = _judged_row(job, bead)
     if row.worst_check is None or row.state == PASS:
         return None
-    return GlueCauses(row, tuple(_effects(job, bead, row)))
+    effects = tuple(_effects(job, bead, row))
+    main = _main_effect(row, effects)
+    second_effects = () if main is None else tuple(_effects_on_rest(job, bead, main))
+    return GlueCauses(row, effects, second_effects)
+
+
+def told_check(row: Row) -> Check | None:
+    """Return the check whose causes are told: the worst one that is the dispenser's matter; None without any."""
+    others = (check for check in row.checks if check.state == FAIL and check.name != PLOUGHED.name)
+    return next(others, row.worst_check)
+
+
+def _main_effect(row: Row, effects: Iterable[GlueEffect]) -> GlueEffect | None:
+    """Return the effect of the cause that is worth most of what is told, at least half of it; None without one."""
+    check = told_check(row)
+    known = [effect for effect in effects if check is not None and not math.isnan(effect.value(check.name))]
+    if check is None or not known:
+        return None
+    main = min(known, key=lambda effect: effect.value(check.name))
+    return main if check.value - main.value(check.name) >= MAIN_CAUSE * check.value else None
+
+
+def _effects_on_rest(job: Job, bead: Bead, main: GlueEffect) -> Iterator[GlueEffect]:
+    """Yield the effects of switching off each other cause together with the main one; those that are absent are not."""
+    first = main.cause
+    main_run = first.without(job, bead)
+    after = Bead(main_run, job.bead, Analysis(main_run) if first.moves else bead.analysis)
+    for cause in GLUE_CAUSES:
+        if cause.name == first.name:
+            continue
+        run = _without_both(first, cause, job, bead, after)
+        if run is not None:
+            analysis = Analysis(run) if cause.moves else after.analysis
+            yield GlueEffect(cause, _judged_row(job, Bead(run, job.bead, analysis)))
+
+
+def _without_both(first: GlueCause, second: GlueCause, job: Job, bead: Bead, after: Bead) -> Run | None:
+    """Return the record without two causes; None where the second is absent.
+
+    Args:
+        first: a cause.
+        second: another one.
+        job: the job.
+        bead: of its run.
+        after: bead without the first cause.
+    """
+    if first.dispenser is not None and not second.moves:
+        changed = job.model_copy(update={"dispenser": first.dispenser(job.dispenser)})
+        run = second.without(changed, bead)
+        return None if run is bead.run else run
+    if first.dispenser is None and not first.moves and second.dispenser is not None:
+        dispenser = second.dispenser(job.dispenser)
+        if dispenser is job.dispenser:
+            return None
+        return first.without(job.model_copy(update={"dispenser": dispenser}), bead)
+    run = second.without(job, after)
+    return None if run is after.run else run
 
 
 def _effects(job: Job, bead: Bead, row: Row) -> Iterator[GlueEffect]:

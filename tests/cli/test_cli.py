@@ -100,7 +100,7 @@ def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantry
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert " ".join(summary) == (
         "verdict job machine error_budget causes glue_causes errors motion servo bead unstable_axes notes fault "
-        "injected headline changes sections versions"
+        "injected headline spoilt changes sections versions"
     )
     errors = summary["errors"]
     motion = summary["motion"]
@@ -136,10 +136,12 @@ def test_causes_are_found_by_default(gantrysim_command, tmp_path):
     summary = json.loads((tmp_path / "summary.json").read_text())
     causes = summary["causes"]
     assert re.search(
-        r"\. Cause: program \([\w ]+\), worth [\d.]+ µm of [\d.]+ µm; without it [\d.]+ µm are left\.$",
+        r"\. [\d.]+ µm of [\d.]+ µm due to program \([\w ]+\); without it [\d.]+ µm are left\.$",
         summary["headline"],
     )
-    assert summary["headline"] in " ".join(printed.split())
+    path, glue = summary["spoilt"]
+    assert path.startswith("Path: ")
+    assert f"{path} {glue}" in " ".join(printed.split())
     assert list(causes) == ["program", "sampling", "counts", "friction", "winding", "compliance"]
     assert causes["program"]["without"]["program"]["max_um"] < 1e-6
     lines = [line.split() for line in printed.splitlines()]

@@ -39,10 +39,13 @@ def test_a_run_that_does_not_pass_says_what_to_change(gantrysim_command, tmp_pat
     burdens = {row.name: row_burden(row) for row in verdict.rows}
     assert rows == [sorted((name for name in burdens if burdens[name] > 0), key=burdens.get, reverse=True)[:2]]
     assert (
-        printed.index("cause ") < printed.index("change ") < printed.index("paste into") < printed.index("written to")
+        printed.index("spoilt by ")
+        < printed.index("change ")
+        < printed.index("paste into")
+        < printed.index("written to")
     )
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["changes"]["sentence"] in " ".join(printed.split())
+    assert summary["changes"]["change"] in " ".join(printed.split())
     assert summary["sections"]["levers"]["tables"]
 
 
@@ -81,7 +84,7 @@ def test_all_is_written_before_what_to_change_is_looked_for(gantrysim_command, c
     assert gantrysim_command("run", "an225", *words, "--out", tmp_path)[0] == 0
     assert order == ["plots", "page", "search", "page"]
     assert kept >= {"job.toml", "run.npz", "summary.json", "report.html", "video.mp4"}
-    for text in ("verdict ", "cause "):
+    for text in ("verdict ", "spoilt by "):
         assert text in printed[0]
     before, after = pages
     assert "What to change" not in before.titles

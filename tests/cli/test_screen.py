@@ -23,9 +23,10 @@ def shown(name, width, monkeypatch, capsys):
     """What a run prints at the end, without the lines on its files."""
     saved = ANSWERS[name]
     monkeypatch.setenv("COLUMNS", str(width))
-    answer = Answer(saved["state"], saved["headline"], tuple(AnswerRow(*row) for row in saved["rows"]))
+    rows = tuple(AnswerRow(*row) for row in saved["rows"])
+    answer = Answer(saved["state"], saved["headline"], rows, spoilt=saved["spoilt"], also_spoilt=saved["also_spoilt"])
     tables.show_verdict(answer)
-    tables.show_cause(answer, saved["cause"])
+    tables.show_cause(answer, "")
     if saved["changes"] is not None:
         tables.show_change(saved["changes"], f"out/{name}")
     return capsys.readouterr().out
@@ -33,13 +34,13 @@ def shown(name, width, monkeypatch, capsys):
 
 def texts(saved):
     """The texts of an answer, which the screen shows with other line breaks."""
-    changes = saved["changes"] or {"sentence": "", "outcome": "", "values": ""}
+    changes = saved["changes"] or {"change": "", "outcome": ""}
     rows = [text for row in saved["rows"] for text in row[3:4]]
-    return [*rows, saved["cause"], changes["sentence"], changes["outcome"], changes["values"]]
+    return [*rows, saved["spoilt"], saved["also_spoilt"], changes["change"], changes["outcome"]]
 
 
 def words_of(text):
-    """Words without punctuation: a value that the verdict shows is not told again in the sentence on its cause."""
+    """Words without punctuation."""
     return {word.rstrip(".,;:").lower() for word in text.split()}
 
 
@@ -149,7 +150,7 @@ def test_what_was_chosen_for_a_program_alone_is_told_in_a_few_words(tmp_path, mo
     job = Job.load(tmp_path / "part.ngc")
     tables.show_choice(job.notes, "out/part")
     (line,) = capsys.readouterr().out.splitlines()
-    assert line.startswith("chosen   machine xy; ")
+    assert line.startswith("chosen     machine xy; ")
     assert f"; glue {job.dispenser.area:g} mm² times path speed; " in line
     assert line.endswith(": gantrysim show out/part notes")
     tables.show_choice(Job.load("an225").notes, "out/an225")  # which gives all that it needs

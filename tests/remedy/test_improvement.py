@@ -8,7 +8,7 @@ import pytest
 from gantrysim import Verdict
 from gantrysim.job.job import Job
 from gantrysim.remedy.bounds import bound_of
-from gantrysim.remedy.improvement import Improvement, names_of
+from gantrysim.remedy.improvement import Improvement
 from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.report import _values, change_section, remedy_of
@@ -61,7 +61,7 @@ def picked(after, *names, before=BEFORE):
 
 def test_the_sentence_says_what_is_reached_and_what_remains():
     good = outcome_of(0.5, 0.7, 0.6)
-    assert result_of(good, combination=picked(good, "gain", "speed")).sentence == "passes with gain (× 2), speed."
+    assert result_of(good, combination=picked(good, "gain", "speed")).sentence == "passes with gain (× 2); speed."
     assert result_of(good, before=good).sentence == "nothing to change: the verdict is pass."
     better = outcome_of(0.5, 1.5, 1.2)
     sentence = result_of(better, combination=picked(better, "gain")).sentence
@@ -90,7 +90,8 @@ def test_what_no_lever_cures_is_told_first_with_what_does():
         f"no lever cures bead ploughed: {order}. "
         "Lag compensation (× 2) is for what else fails: bead too narrow by 15.2 → 2.0 %."
     )
-    assert remedy_of(result).change == result.sentence.replace("no", "No", 1)
+    change = f"L{order[1:]}: no setting cures that. For the rest: lag compensation (× 2)."
+    assert remedy_of(result).change == change
     assert result_of(before, before=before).sentence == f"no lever cures bead ploughed: {order}."
     # what got worse is not said to be what the change is for
     worse = glue_of(2.4, 16.0)
@@ -98,8 +99,10 @@ def test_what_no_lever_cures_is_told_first_with_what_does():
     assert result.sentence == f"no lever cures bead ploughed: {order}."
     crossed = "1 pass; the path crosses its own bead: lay it without crossings"
     most = glue_of(0.5, 2.0, crossed)
-    sentence = result_of(most, before=before, combination=picked(most, "lift", before=before)).sentence
-    assert sentence == (
+    result = result_of(most, before=before, combination=picked(most, "lift", before=before))
+    not_enough = "Lift (× 2). Not enough: the path crosses its own bead: lay it without crossings."
+    assert remedy_of(result).change == not_enough
+    assert result.sentence == (
         "best with lift (× 2); nothing meets the tolerance: glue still fails, bead ploughed 0.5 mm, at most 0 mm. "
         "The path crosses its own bead: lay it without crossings."
     )
@@ -109,7 +112,7 @@ def test_the_lever_that_lowers_the_worst_value_is_named_first():
     before, wide, most = glue_of(14.7, 22.0), glue_of(14.7, 5.0), glue_of(1.5, 5.0)
     levers = [trial_of("lag compensation", "", before, wide), trial_of("lift", "3 mm", before, most)]
     assert result_of(most, before=before, combination=levers).sentence.startswith(
-        "best with lift (3 mm), lag compensation; nothing meets the tolerance: glue still fails, bead ploughed 1.5 mm"
+        "best with lift 3 mm; lag compensation; nothing meets the tolerance: glue still fails, bead ploughed 1.5 mm"
     )
 
 
@@ -157,8 +160,8 @@ def test_levers_that_were_not_tried_are_told_by_their_reason():
 
 
 def test_names_of_levers_come_with_their_settings():
-    assert names_of(picked(BEFORE, "gain", "lift")) == "gain (× 2), lift"
-    assert names_of([]) == ""
+    assert result_of().words_of(picked(BEFORE, "gain", "lift")) == "gain (× 2); lift"
+    assert result_of().words_of([]) == ""
 
 
 def test_the_frame_has_the_worst_check_of_each_row_before_and_after():
@@ -185,25 +188,29 @@ def test_a_blob_that_e_feeds_at_rest_is_not_put_down_to_the_speed():
 
 
 def test_the_first_screen_has_the_values_of_what_was_cured_and_of_what_is_left():
-    before = verdict_of(2.0, 0.5, 0.5)
-    after = verdict_of(0.75, 0.9, 3.0)
-    texts = _values(SimpleNamespace(verdict=before, improved=after)).split("; ")
-    # the machine's, which is the worst, is told with the verdict
-    assert [text.partition(":")[0] for text in texts] == ["path", "stability"]
-    assert "3.0 mm, at most 4.0 mm" in texts[0].replace("\xa0", " ")
+    """The worst of each row that was no pass, before and after, and whatever is no pass afterwards, with its limit."""
+    before = verdict_of((2.0, 1.5), 0.5, 0.5)
+    after = verdict_of((0.75, 0.5), 0.9, 3.0)
+    texts = list(_values(SimpleNamespace(verdict=before, improved=after)))
+    assert texts == [
+        "size 0 8.0 → 3.0 mm",
+        "size 0 2.0 → 3.6 mm, at most 4.0 mm",
+        "size 0 2.0 → 12.0 mm, at most 4.0 mm",
+    ]
+    # the limit of the worst one is told with the verdict; what still fails leaves what else is cured in doubt
+    partly = verdict_of((2.0, 0.5), 0.5, 0.5)
+    texts = list(_values(SimpleNamespace(verdict=before, improved=partly)))
+    assert texts == ["size 0 still 8.0 mm", "size 1 6.0 → 2.0 mm"]
 
 
-def test_the_first_screen_has_what_failed_beside_the_worst_value():
-    def row(*values):
-        names = ("bead_width", "start_missing", "stop_excess")
-        checks = [
-            Check(name=name, quantity=name, value=value, limit=4.0, unit="mm", source="given")
-            for name, value in zip(names, values, strict=True)
-        ]
-        return Verdict((Row.of("glue", checks),))
+def test_a_value_that_changes_its_sign_is_told_by_both_of_its_names():
+    def verdict(quantity, value):
+        check = Check(name="bead_width", quantity=quantity, value=value, limit=10.0, unit="%", source="given")
+        return Verdict((Row.of("glue", [check]),))
 
-    texts = _values(SimpleNamespace(verdict=row(9.0, 6.0, 1.0), improved=row(3.0, 2.5, 2.0)))
-    assert texts.replace("\xa0", " ") == "glue: bead_width 3.0 mm, at most 4.0 mm, start_missing 2.5 mm"
+    before, after = verdict("bead too narrow by", 15.2), verdict("bead too wide by", 2.6)
+    (text,) = _values(SimpleNamespace(verdict=before, improved=after))
+    assert text == "bead too narrow by 15.2 % → bead too wide by 2.6 %"
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,12 @@ def test_options_of_the_command_are_among_the_lines_of_the_file(tmp_path):
     base = Job.load("softmc-arc", ["dispenser.opening=0.03"])
     improved = base.changed({"dispenser.advance": 0.03})
     assert options(base, improved) == ["--set dispenser.advance=0.03"]
-    assert toml_lines(base, improved) == "[dispenser]\nopening = 0.03\nadvance = 0.03\n"
+    assert toml_lines(base, improved).splitlines() == [
+        "[dispenser]",
+        # as an option of the command has it already
+        "opening = 0.03  # s; time constant of rising flow or pressure",
+        f"advance = 0.03  # s, was {base.dispenser.advance:g}; lag compensation",
+    ]
     same(in_job_file("softmc-arc", toml_lines(base, improved), tmp_path), improved)
 
 

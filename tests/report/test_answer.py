@@ -59,8 +59,8 @@ def moved(run, along=0.0, aside=0.0):
 @pytest.mark.parametrize(
     ("value", "at_least", "state", "also"),
     [
-        (9.0, False, "warn", "warns above 80 % of the limit"),
-        (12.0, True, "warn", "warns below 125 % of the limit"),
+        (9.0, False, "warn", "90 % of its limit: warns above 80 %"),
+        (12.0, True, "warn", "120 % of its limit: warns below 125 %"),
         (7.9, False, "pass", ""),
         (12.6, True, "pass", ""),
     ],
@@ -97,7 +97,10 @@ def test_nothing_is_to_be_changed_of_a_pass_alone(job, follower, share, state):
     answer = Answer.of(results_of(job, moved(follower, aside=share * LIMIT)))
     assert answer.state == state
     assert (answer.remedy is not None) == (state == "pass")
-    assert bool(answer.spoilt) == (state != "pass")
+    # that is the loop's stability, at half of the path's limit
+    nearest = "Nothing. Nearest to its limit: stability, peak of |S| 1.65, 55 % of the limit."
+    assert (answer.spoilt == nearest) == (state == "pass")
+    assert answer.reply.partition(" ")[0] == {"pass": "Yes", "warn": "Barely", "fail": "No"}[state]
 
 
 def test_the_headline_of_a_bead_that_is_too_wide_is_its_worst_value_alone(job, follower):
@@ -151,8 +154,18 @@ def test_the_summary_names_the_axes_whose_loops_are_unstable(job, follower):
 
 def test_lines_of_a_changed_program_are_told_from_those_that_stay():
     former = "G21\nG0 X0 Y0\nG1 X10 F600\nM2\n"
-    lines = '[program]\ntext = """\nG21\nG0 X0 Y0 Z3\nG0 Z0\nG1 X10 F600\nM2\n"""\n\n[dispenser]\nadvance = 0.02\n'
+    text = "G21\nG0 X0 Y0 Z3\nG0 Z0\nG1 X10 F600\nM2\n"
+    lines = f'[program]\ntext = """\n{text}"""\n\n[dispenser]\nadvance = 0.02\n'
     marked = Remedy("lift", lines=lines, former=former).marked_lines
-    assert [line for line, _ in marked] == lines.rstrip().split("\n")
-    assert [line for line, is_changed in marked if is_changed] == ["G0 X0 Y0 Z3", "G0 Z0"]
-    assert not any(is_changed for _, is_changed in Remedy("lift", lines=lines).marked_lines)
+    assert [line.text for line in marked] == lines.rstrip().split("\n")
+    changes = [(line.text, line.change) for line in marked if line.is_changed]
+    assert changes == [("G0 X0 Y0 Z3", "was G0 X0 Y0"), ("G0 Z0", "new")]
+    assert not any(line.is_changed for line in Remedy("lift", lines=lines).marked_lines)
+
+
+def test_lines_of_a_program_that_stay_are_grouped_where_they_are_many():
+    former = "".join(f"G1 X{k}\n" for k in range(9))
+    lines = f'[program]\ntext = """\n{former}G0 Z3\n"""\n'
+    groups = Remedy("lift", lines=lines, former=former).groups
+    assert [(is_left_out, len(part)) for is_left_out, part in groups] == [(False, 2), (True, 9), (False, 2)]
+    assert "\n".join(line.text for _, part in groups for line in part) == lines.rstrip()

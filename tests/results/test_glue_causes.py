@@ -16,6 +16,7 @@ from gantrysim.results.glue_causes import (
     GLUE_CAUSES,
     at_constant_speed,
     glue_causes_of,
+    told_check,
     value_of,
     without_dead_time,
     without_lag,
@@ -75,7 +76,11 @@ def test_a_fixed_flow_at_half_the_speed_is_too_wide_by_the_root_of_two_and_speed
     results = RunResults(job, job.built_machine, Budget(Analysis(run)), Bead(run, job.bead), glue_causes=causes)
     text = headline(results)
     assert text.startswith(f"Glue: {causes.check.brief}")
-    assert "Cause: speed changes (which the flow does not follow), worth" in text
+    assert "due to speed changes (which the flow does not follow)." in text
+    # nothing else is left
+    assert not causes.second_effects or all(
+        abs(effect.value("bead_width") - rest) < 0.02 * wide for effect in causes.second_effects
+    )
 
 
 def test_drops_that_a_jet_loses_are_the_cause_of_a_narrow_bead():
@@ -147,7 +152,36 @@ def test_an_error_of_the_path_between_turns_and_one_of_the_height_are_told_apart
     assert abs(by_name["path error"]) < 0.1 * by_name["needle gap"]
 
 
-def test_glue_that_passes_has_no_causes_and_dots_have_no_speed():
+def test_a_change_of_speed_is_the_cause_of_a_wide_bead_beside_dots_too():
+    """The dots, which are laid at rest, stay as they are."""
+    job = line_job(SLOWER.replace("M2\n", "G0 X-80 Y20\nM62 P0\nG4 P0.2\nM63 P0\nM2\n"))
+    run = job.follow()
+    bead = Bead(run, job.bead, Analysis(run))
+    (dot,) = bead.dots
+    steady = at_constant_speed(job, bead)
+    (same,) = Bead(steady, job.bead, bead.analysis).dots
+    assert (same.volume, same.demand, same.place) == (dot.volume, dot.demand, dot.place)
+    causes = glue_causes_of(job, bead)
+    by_name = worths(causes)
+    assert max(by_name, key=by_name.get) == "speed changes"
+    assert by_name["speed changes"] > 0.9 * causes.check.value
+
+
+def test_what_is_left_without_the_main_cause_is_found_without_a_second_one_as_well():
+    """A fixed flow that lags: at one speed the lag still lacks glue at the start, without both the bead is right."""
+    job = line_job(SLOWER, dispenser={"flow": FLOW, "opening": 0.05, "closing": 0.05})
+    causes = causes_of(job, job.follow())
+    check = told_check(causes.row)
+    values = {effect.cause.name: effect.value(check.name) for effect in causes.effects}
+    assert min(values, key=values.get) == "speed changes"
+    assert values["speed changes"] > 5
+    # the dispenser has neither dead time nor leads, and the nozzle no error
+    (both,) = causes.second_effects
+    assert both.cause.name == "lag"
+    assert both.value(check.name) < 1e-6
+
+
+def test_glue_that_passes_has_no_causes():
     job = line_job(dispenser={"area": 2.0}, tolerance={"bead_width": 90.0, "start_length": 20, "stop_length": 20})
     assert causes_of(job, job.follow()) is None
 

@@ -8,11 +8,12 @@ export function copyButtons() {
   for (const button of document.querySelectorAll("button.copy")) {
     const code = button.parentElement && within(button.parentElement, "code");
     if (!code) continue;
+    const label = button.textContent;
     button.addEventListener("click", async () => {
       const done = await copied(code);
       button.textContent = done ? "copied" : "selected: Ctrl+C copies";
       setTimeout(() => {
-        button.textContent = "copy";
+        button.textContent = label;
       }, SHOWN);
     });
   }

@@ -1,6 +1,6 @@
 // The bar of a colour scale with its ends and marks at the tolerance: share of the path's tolerance, or signed width.
 
-import { digits } from "./data.js";
+import { digits, stretches } from "./data.js";
 import { element } from "./dom.js";
 import { endOf, placeOn, theme } from "./theme.js";
 
@@ -26,7 +26,8 @@ export class ScaleBar {
     this.low.textContent = byWidth ? `−${end} %` : "0";
     this.high.textContent = byWidth ? `+${end} %` : `${end} µm`;
     const text = Number(digits(limit)); // without zeros at its end
-    this.limit.textContent = byWidth ? `limit ±${text} %` : `limit ${text} µm${data.path_statistic && ` (${data.path_statistic})`}`;
+    const statistic = data.path_statistic && ` (${data.path_statistic})`;
+    this.limit.textContent = byWidth ? `limit ±${text} %` : `limit ${text} µm${statistic}, not linear`;
     bar.className = `ramp ${byWidth ? "width" : "share"}`;
     bar.replaceChildren();
     for (const value of byWidth ? [-1, 1] : [1]) {
@@ -49,5 +50,30 @@ export function placeOf(data, byWidth) {
   const place = (stops, value) => (value === value ? placeOn(stops, value) : NaN);
   if (!byWidth) return (row) => place(shares, data.size[row] / data.path_tolerance);
   const nominal = data.width ?? NaN;
-  return (row) => place(widths, (100 * (width[row] / nominal - 1)) / data.width_tolerance);
+  const ends = endsOf(data);
+  return (row) => ends[row] ? NaN : place(widths, (100 * (width[row] / nominal - 1)) / data.width_tolerance);
+}
+
+/** Whether a row lies so near to a start or a stop that its width is not judged. @param {RunData} data */
+function endsOf(data) {
+  const ends = new Uint8Array(data.rows);
+  if (!data.unjudged_ends) return ends;
+  const { x, y, z, dispense } = data.column;
+  ends.fill(1);
+  for (const [first, last] of stretches(data.rows, (row) => dispense[row])) {
+    ends.fill(0, first, last + 1);
+    const [start, stop] = data.unjudged_ends;
+    /** @type {[number, number, number, number][]} */
+    const both = [[first, last, 1, start], [last, first, -1, stop]];
+    for (const [from, to, step, length] of both) {
+      let way = 0;
+      for (let row = from; way <= length; row += step) {
+        ends[row] = 1;
+        if (row === to) break;
+        const next = row + step;
+        way += Math.hypot(x[next] - x[row], y[next] - y[row], z ? z[next] - z[row] : 0);
+      }
+    }
+  }
+  return ends;
 }
