@@ -211,9 +211,7 @@ class Bench:
         prospects = self._prospects(missing)
         with self._mapping(len(prospects)) as mapped:
             while batch := self._next(prospects, least := limit(known)):
-                # all of it where no part can be enough
-                advance = methodcaller("advance", in_parts=math.isfinite(least))
-                list(mapped(advance, batch.values()))
+                list(mapped(methodcaller("advance", least), batch.values()))
                 for key, prospect in batch.items():
                     motion = prospect.course.motion
                     if motion is not None:
@@ -255,8 +253,8 @@ class Bench:
 
     def _next(self, prospects: Mapping[str, Prospect], limit: float) -> dict[str, Prospect]:
         """Return those to simulate next, each of another motion: at most as many as there are threads."""
-        within = [key for key, prospect in prospects.items() if prospect.course.burden <= limit + _ROUNDING]
-        within.sort(key=lambda key: prospects[key].course.burden)
+        within = [key for key, prospect in prospects.items() if prospect.burden <= limit + _ROUNDING]
+        within.sort(key=lambda key: prospects[key].burden)
         batch: dict[str, str] = {}
         for key in within:
             batch.setdefault(prospects[key].motion_key, key)

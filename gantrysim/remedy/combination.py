@@ -22,7 +22,7 @@ from gantrysim.base.errors import GantryError
 from gantrysim.job.job import Job
 from gantrysim.remedy.lever import Effort, Lever, Setting, State, factor_text, rounded_number
 from gantrysim.remedy.levers.program import FASTER, SLOWER, at_factor
-from gantrysim.remedy.outcome import Outcome
+from gantrysim.remedy.outcome import Outcome, least_burden
 from gantrysim.results.score import usage_of
 
 SHARE = 0.01  # of the burden, by which a lever of the combination lowers it
@@ -183,7 +183,7 @@ class Combinations:
 
         def limit(known: Sequence[Outcome]) -> float:
             """Return the largest burden that may count: near the least one, where that is low enough."""
-            least = min((outcome.burden for outcome in known), default=math.inf)
+            least = least_burden(known)
             return least + SHARE * present if least <= enough else enough
 
         outcomes = self.promising([candidate.job for candidate in candidates], limit)

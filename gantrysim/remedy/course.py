@@ -2,11 +2,13 @@
 
 The burden of a verdict is a sum to which no check adds less than 0, see `gantrysim.results.score`. What is known of a
 run therefore bounds it from below: after a part of the run the margins of the loops and the contour error so far, as if
-the rest had none; after the whole run all but the glue. A search drops a job whose bound is above what it looks for.
+the rest had none; after the whole run all but the glue; then all but the needle's passes through the glue. A search
+drops a job whose bound is above what it looks for.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,15 +19,20 @@ from gantrysim.base import memory
 from gantrysim.base.errors import GantryError, InputError
 from gantrysim.engine.simulate import records_in_parts
 from gantrysim.engine.simulation import Simulation
+from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run
 from gantrysim.remedy.outcome import Motion, Outcome
+from gantrysim.results.glue import laid_row
 from gantrysim.results.score import row_burden
-from gantrysim.results.verdict import begun_path_row, stability_row
+from gantrysim.results.verdict import begun_path_row, limits_with, stability_row
 
-# Shares of a run after which it is judged: most paths that fail do so early.
-_PARTS = (0.08, 0.25, 0.6)
+# Shares of a run after which it is judged: most paths that fail do so early. The last is for a run that has come near
+# the limit by then, as each look takes as long as the verdict on a path.
+_EARLY = (0.08, 0.25)
+_LATE = 0.6
+_NEAR = 0.5  # of the limit
 
 
 class Course:
@@ -47,18 +54,18 @@ class Course:
         self.ticks = 0
         self._parts: Iterator[Part | Motion] | None = None
 
-    def advance(self, job: Job, *, in_parts: bool) -> None:
+    def advance(self, job: Job, limit: float) -> None:
         """Make the next part of the run, or all of it.
 
         Args:
             job: of this motion.
-            in_parts: whether a part may be enough.
+            limit: of the burden; inf where all of the run is wanted.
 
         Raises:
             GantryError: the job is refused; another one of the same motion need not be.
         """
         if self._parts is None:
-            self._parts = _parts(job) if in_parts else iter([Motion.of(job)])
+            self._parts = _parts(job, self._shares(limit)) if limit < math.inf else iter([Motion.of(job)])
         try:
             known = next(self._parts)
         except GantryError:
@@ -69,6 +76,12 @@ class Course:
         if isinstance(known, Motion):
             self.motion = known
             self._parts = None
+
+    def _shares(self, limit: float) -> Iterator[float]:
+        """Yield the shares of the run after which it is judged."""
+        yield from _EARLY
+        if self.burden >= _NEAR * limit:
+            yield _LATE
 
     def forget(self) -> None:
         """Forget the run, but for the bound of its burden."""
@@ -104,21 +117,37 @@ class Prospect:
     course: Course
     motion_key: str
     outcome: Outcome | None = None
+    _laid: tuple[Job, Bead] | None = None
+    _of_glue: float = 0.0
 
-    def advance(self, *, in_parts: bool) -> None:
-        """Get to know more: run on, and at the end of the run judge the glue."""
+    @property
+    def burden(self) -> float:
+        """Lower bound of the burden."""
+        return self.course.burden + self._of_glue
+
+    def advance(self, limit: float) -> None:
+        """Get to know more: run on, and at the end of the run judge the glue.
+
+        Args:
+            limit: of the burden, above which it does not matter; inf where all is wanted.
+        """
+        motion = self.course.motion
         try:
-            if self.course.motion is None:
-                self.course.advance(self.job, in_parts=in_parts)
+            if motion is None:
+                self.course.advance(self.job, limit)
+            elif limit < math.inf and self._laid is None and motion.budget is not None:
+                self._laid = motion.laid(self.job)
+                job, bead = self._laid
+                self._of_glue = row_burden(laid_row(bead, limits_with(job, bead)))
             else:
-                self.outcome = self.course.motion.outcome(self.job)
+                self.outcome = motion.outcome(self.job, self._laid)
         except GantryError as error:
             self.outcome = Outcome(None, failure=str(error))
 
     def judge_motion(self) -> Motion | None:
         """Run on until the motion is known to fail, or to its end; return it where it is complete."""
         while self.outcome is None and self.course.motion is None and self.course.burden <= 0:
-            self.advance(in_parts=True)
+            self.advance(0.0)
         motion = self.course.motion
         self.course.forget()
         return motion
@@ -137,8 +166,8 @@ def forget_worst(courses: Iterable[Course], room: int) -> None:
             course.forget()
 
 
-def _parts(job: Job) -> Iterator[Part | Motion]:
-    """Yield what is known after parts of a job's run, and the complete motion."""
+def _parts(job: Job, shares: Iterable[float]) -> Iterator[Part | Motion]:
+    """Yield what is known after shares of a job's run, and the complete motion."""
     job.check_loops()
     with job.locate_errors():
         simulation = job.prepared_simulation()
@@ -147,7 +176,7 @@ def _parts(job: Job) -> Iterator[Part | Motion]:
     if not is_in_loop or ticks > memory.LONG_RUN or simulation.servo.laws.runs > 1:
         yield Motion.of(job)
         return
-    for run in records_in_parts(simulation, _PARTS):
+    for run in records_in_parts(simulation, shares):
         if len(run.time) < ticks and run.fault is None:
             yield Part(_least_burden(job, simulation, run), ticks)
         else:

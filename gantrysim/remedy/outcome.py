@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -60,6 +61,11 @@ class Outcome:
     def passes(self) -> bool:
         """Whether the verdict is a pass."""
         return self.state == PASS
+
+
+def least_burden(outcomes: Sequence[Outcome]) -> float:
+    """Return the least burden of what jobs show, inf without any."""
+    return min((outcome.burden for outcome in outcomes), default=math.inf)
 
 
 def motion_key(job: Job, before: float | None = None) -> str:
@@ -145,8 +151,26 @@ class Motion:
         """What path, stability and machine add to the burden of the verdict whatever the glue; inf for a fault."""
         return math.inf if self.budget is None else sum(map(row_burden, self.rows))
 
-    def outcome(self, job: Job) -> Outcome:
+    def laid(self, job: Job) -> tuple[Job, Bead]:
+        """Return a job with this motion that shares with it what is the same, and its bead.
+
+        Raises:
+            GantryError: the job is refused.
+        """
+        assert self.budget is not None
+        run = self.run
+        if job is not self.job:
+            run = dispensed_otherwise(run, job.dispenser)
+            same = {name: getattr(self.job, name) for name in _OF_MOTION if name in self.job.__dict__}
+            job = job.sharing(self.job).model_copy(update=same)
+        return job, Bead(run, job.bead, self.budget.analysis)
+
+    def outcome(self, job: Job, laid: tuple[Job, Bead] | None = None) -> Outcome:
         """Return what the run of a job with this motion shows.
+
+        Args:
+            job: the job.
+            laid: what `laid` returns for it, where that is known.
 
         Raises:
             GantryError: the job is refused.
@@ -155,11 +179,7 @@ class Motion:
             verdict = Verdict.of_fault(self.run)
             return Outcome(verdict, float(self.run.time[-1]), verdict.fault)
         run = self.run
-        if job is not self.job:
-            run = dispensed_otherwise(run, job.dispenser)
-            same = {name: getattr(self.job, name) for name in _OF_MOTION if name in self.job.__dict__}
-            job = job.sharing(self.job).model_copy(update=same)
-        bead = Bead(run, job.bead, self.budget.analysis)
+        job, bead = self.laid(job) if laid is None else laid
         is_laid = bead.nominal > 0 and bead.total_volume > 0
         return Outcome(
             Verdict.of_results(

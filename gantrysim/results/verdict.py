@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -110,8 +111,7 @@ class Verdict(Shown):
             return cls.of_fault(run)
         if is_checked and budget.contradictions:
             return cls.of_contradictions(budget.contradictions)
-        width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else float("nan")
-        tolerance = job.limits(run.face, width)
+        tolerance = limits_with(job, bead)
         line_at = program_lines(job, len(run.time))
         place_at = places_of(run, line_at)
         loads = dispenser_loads(run, job.dispenser)
@@ -311,6 +311,12 @@ def stability_row(job: Basis, margins: tuple[Margins, ...] | None, tolerance: To
         ],
         f"unstable: {', '.join(unstable)}" if unstable else "",
     )
+
+
+def limits_with(job: Basis, bead: Bead) -> Tolerance:
+    """Return the limits that a good run of a job keeps, with those that follow from the width of its bead."""
+    width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else math.nan
+    return job.limits(bead.run.face, width)
 
 
 class MotionRows(NamedTuple):
