@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from gantrysim.base.errors import InputError, check_type
@@ -113,14 +113,14 @@ def stepped_simulation(
     return started
 
 
-def records_in_parts(simulation: Simulation, shares: Sequence[float]) -> Iterator[Run]:
+def records_in_parts(simulation: Simulation, shares: Iterable[float]) -> Iterator[Run]:
     """Yield the record of a run of the compiled loop after some shares of its setpoints, and the complete one.
 
     What is not asked for is not simulated.
 
     Args:
         simulation: that the compiled loop can step, and that learns nothing from a complete run.
-        shares: of the setpoints, ascending, above 0 and below 1.
+        shares: of the setpoints, ascending, above 0 and below 1; the next one is asked for where a part is done.
     """
     places = LoopPlaces(simulation.machine, 1, 1)
     places.load({0: simulation})

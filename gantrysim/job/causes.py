@@ -117,7 +117,11 @@ class _SameCommand(Analysis):
 
 
 def outcomes_of(
-    setups: Sequence[Setup], progress: Callable[[float], None] | None = None, known: Analysis | None = None
+    setups: Sequence[Setup],
+    progress: Callable[[float], None] | None = None,
+    known: Analysis | None = None,
+    *,
+    by_link: bool = True,
 ) -> list[RunOutcome]:
     """Return what the runs of setups show, in their order.
 
@@ -127,6 +131,7 @@ def outcomes_of(
         setups: what is run.
         progress: called now and then with the completed share, 0 to 1, from one thread at a time.
         known: analysis of a run that has the command of most of these.
+        by_link: whether the errors of the links are computed, and not the contour error alone.
     """
     shares = [0.0] * len(setups)
     alone = threading.Lock()
@@ -144,7 +149,7 @@ def outcomes_of(
             return RunOutcome({}, str(error))
         if record.fault is not None:
             return RunOutcome({}, str(record.fault))
-        return RunOutcome(errors_of(Budget(record if known is None else _SameCommand(record, known))))
+        return RunOutcome(errors_of(Budget(record if known is None else _SameCommand(record, known)), by_link=by_link))
 
     if not setups:
         return []
@@ -153,9 +158,10 @@ def outcomes_of(
         return list(pool.map(run, range(len(setups))))
 
 
-def errors_of(budget: Budget) -> Errors:
-    """Return the errors of a run by link, and as a whole."""
-    return {name: ErrorSpread.of(part.size) for name, part in {**budget.parts, "contour": budget.contour}.items()}
+def errors_of(budget: Budget, *, by_link: bool = True) -> Errors:
+    """Return the errors of a run by link, if wanted, and as a whole."""
+    links = budget.parts if by_link else {}
+    return {name: ErrorSpread.of(part.size) for name, part in {**links, "contour": budget.contour}.items()}
 
 
 TITLE = "contour error without one cause at a time, and rms by link [µm]"
@@ -342,6 +348,7 @@ def causes_of(
     progress: Callable[[float], None] | None = None,
     *,
     budget: Budget | None = None,
+    by_link: bool = True,
 ) -> Causes:
     """Rerun a job with one cause of `CAUSES` removed each time, and return the effect of each.
 
@@ -350,6 +357,8 @@ def causes_of(
         run: record of the job, if it has been run.
         progress: function called from time to time with the completed share, 0 to 1.
         budget: of the record, if it is known; the record is then not needed.
+        by_link: whether the errors of the links are computed, and not the contour error alone, which takes half as
+            long.
 
     Raises:
         InputError: the job ends in a fault, has deliberate faults, or its dispenser is never on.
@@ -382,17 +391,23 @@ def causes_of(
     known = Budget(record) if budget is None else budget
     if known.contradictions:
         raise InputError(f"job {job.name}: neither its errors nor their causes are known: {known.contradictions[0]}")
-    return Causes(errors_of(known), _effects(causes, setup, known, part(1, len(causes))))
+    effects = _effects(causes, setup, known, part(1, len(causes)), by_link=by_link)
+    return Causes(errors_of(known, by_link=by_link), effects)
 
 
 def _effects(
-    causes: Sequence[Cause], setup: Setup, budget: Budget, progress: Callable[[float], None] | None
+    causes: Sequence[Cause],
+    setup: Setup,
+    budget: Budget,
+    progress: Callable[[float], None] | None,
+    *,
+    by_link: bool,
 ) -> tuple[Effect, ...]:
     """Return the effects of causes on the errors of a budget, from runs beside one another.
 
     A run without a cause that has another physics step is compared with one of the job at that step.
     """
-    errors = errors_of(budget)
+    errors = errors_of(budget, by_link=by_link)
     refused: dict[str, str] = {}
     # by the cause without which it is, or by the physics step of the whole job
     setups: dict[str | float, Setup] = {}
@@ -408,7 +423,8 @@ def _effects(
             if abs(ideal.step - setup.step) >= _SAME_STEP * setup.step:
                 steps[cause.name] = ideal.step
                 setups[ideal.step] = replace(setup, physics_step=ideal.step)
-    outcomes = dict(zip(setups, outcomes_of(list(setups.values()), progress, budget.analysis), strict=True))
+    shown = outcomes_of(list(setups.values()), progress, budget.analysis, by_link=by_link)
+    outcomes = dict(zip(setups, shown, strict=True))
 
     def effect(cause: Cause) -> Effect:
         if cause.name in refused:

@@ -195,6 +195,11 @@ _NO_ERROR = 1e-9  # largest rms of mere rounding [mm]
 _RMS, *_, _SHARE = PART_COLUMNS
 
 
+def p95_of(size: Floats) -> float:
+    """Return the size below which 95 % of the sizes lie."""
+    return float(np.percentile(size, _PERCENTILE))
+
+
 def links_of(run: Run) -> tuple[str, ...]:
     """Return the links of a run's chain in their order: `LINKS`, and where it has errors of geometry that link."""
     return LINKS if run.geometric_tip is None else (*LINKS[:-1], GEOMETRY, LINKS[-1])
@@ -402,7 +407,7 @@ class Budget:
         x, y, z = self.analysis.run.requested.position(s)[0].tolist()
         return PartValues(
             rms=float(np.sqrt(np.mean(size**2))),
-            p95=float(np.percentile(size, _PERCENTILE)),
+            p95=p95_of(size),
             max=float(size[k]),
             share=float(np.mean(part.dot(self.contour))) / mean if mean > _NO_ERROR**2 else 0.0,
             s=float(s),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from operator import methodcaller
 from typing import Any, Generic, TypeVar
 
 from gantrysim.base import memory
@@ -16,11 +18,13 @@ from gantrysim.engine.linear import difference_note
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.remedy.outcome import Motion, Outcome, judged_motion, measured_together, motion_key, time_before_glue
+from gantrysim.remedy.course import Course, Prospect, forget_worst
+from gantrysim.remedy.outcome import Motion, Outcome, motion_key, time_before_glue
 
 # What was computed of runs, kept as long as there is room for it.
 
 ROOM = memory.LONG_RUN  # [kB]: a tick of a record with its analysis takes one
+_ROUNDING = 1e-9  # of a burden
 
 _Value = TypeVar("_Value")
 
@@ -132,6 +136,8 @@ class Bench:
         self._progress = progress
         self._outcomes: dict[str, Outcome] = {}
         self._motions: Recent[Motion] = Recent()  # by `motion_key`
+        # known lower bounds of the burden, by the same
+        self._bounds: dict[str, float] = {}
         self.task = Task()
 
     def show(self, job: Job) -> None:
@@ -149,6 +155,11 @@ class Bench:
         motion = Motion(job, run, budget if run.fault is None else None, is_shown=True)
         self._keep_motion(self.motion_key(job), motion)
         self._keep({job.toml(): motion.outcome(job)})
+
+    def shown_budget(self, job: Job) -> Budget | None:
+        """Return the error budget of a job's run as it is shown; None where that is not kept, or ended in a fault."""
+        motion = self._motions.get(self.motion_key(job))
+        return motion.budget if motion is not None and motion.is_shown else None
 
     def confirm(self, job: Job) -> tuple[Outcome, str]:
         """Return what the run of a job shows that is not for a search, and a note where it differs from the search's.
@@ -182,40 +193,80 @@ class Bench:
 
     def measure_all(self, jobs: Sequence[Job]) -> list[Outcome]:
         """Return what the runs of jobs show, in their order."""
+        return [outcome for outcome in self.promising(jobs, lambda _: math.inf) if outcome is not None]
+
+    def promising(self, jobs: Sequence[Job], limit: Callable[[Sequence[Outcome]], float]) -> list[Outcome | None]:
+        """Return what the runs of jobs show, None for those whose burden is above a limit, in their order.
+
+        Those are simulated only until that is known, see `gantrysim.remedy.course`. The job of which the least burden
+        is known is simulated next, so that a limit that follows from what others show is soon low.
+
+        Args:
+            jobs: the jobs.
+            limit: returns the limit for what some of them show.
+        """
         keys = [job.toml() for job in jobs]
         missing = {key: job for key, job in zip(keys, jobs, strict=True) if key not in self._outcomes}
-        self.task.known = self.task.done + len(missing)
-        self._tell()
-        motions: dict[str, dict[str, Job]] = {}
-        for key, job in missing.items():
-            motions.setdefault(self.motion_key(job), {})[key] = self.family.member(job)
-        groups = [list(group.values()) for group in motions.values()]
-        earlier = list(map(self._motions.get, motions))
-        with self._mapping(len(groups)) as mapped:
-            for (key, group), measured in zip(motions.items(), mapped(measured_together, groups, earlier), strict=True):
-                if measured.motion is not None:
-                    self._keep_motion(key, measured.motion)
-                self._keep(dict(zip(group, measured.outcomes, strict=True)))
-        return [self._outcomes[key] for key in keys]
+        known = [self._outcomes[key] for key in dict.fromkeys(keys) if key in self._outcomes]
+        prospects = self._prospects(missing)
+        with self._mapping(len(prospects)) as mapped:
+            while batch := self._next(prospects, least := limit(known)):
+                list(mapped(methodcaller("advance", least), batch.values()))
+                for key, prospect in batch.items():
+                    motion = prospect.course.motion
+                    if motion is not None:
+                        self._keep_motion(prospect.motion_key, motion)
+                    if prospect.outcome is not None:
+                        del prospects[key]
+                        known.append(prospect.outcome)
+                        self._keep({key: prospect.outcome})
+                forget_worst((prospect.course for prospect in prospects.values()), ROOM)
+        self._drop(prospects.values())
+        return [self._outcomes.get(key) for key in keys]
 
     def motions_fail(self, jobs: Sequence[Job]) -> list[bool]:
-        """Return whether the motion of each job fails whatever its glue, see `Motion.fails`; a refused job has none."""
+        """Return whether the motion of each job fails whatever its glue; a refused job has none."""
         keys = [self.motion_key(job) for job in jobs]
-        motions = dict(zip(keys, jobs, strict=True))
-        outcomes = {key: self._outcomes.get(job.toml()) for key, job in motions.items()}
-        fails = {key: outcome.motion_fails for key, outcome in outcomes.items() if outcome is not None}
-        missing = {key: self.family.member(job) for key, job in motions.items() if key not in fails}
-        self.task.known = self.task.done + len(missing)
-        self._tell()
-        earlier = list(map(self._motions.get, missing))
-        with self._mapping(len(missing)) as mapped:
-            for key, judged in zip(missing, mapped(judged_motion, missing.values(), earlier), strict=True):
-                fails[key] = judged.fails
-                if judged.motion is not None:
-                    self._keep_motion(key, judged.motion)
+        outcomes = {key: self._outcomes.get(job.toml()) for key, job in zip(keys, jobs, strict=True)}
+        fails = {key: outcome.motion_burden > 0 for key, outcome in outcomes.items() if outcome is not None}
+        prospects = self._prospects({key: job for key, job in zip(keys, jobs, strict=True) if key not in fails})
+        with self._mapping(len(prospects)) as mapped:
+            judged = mapped(methodcaller("judge_motion"), prospects.values())
+            for (key, prospect), motion in zip(prospects.items(), judged, strict=True):
+                fails[key] = prospect.outcome is None and prospect.course.burden > 0
+                if motion is not None:
+                    self._keep_motion(key, motion)
                 self.task.done += 1
                 self._tell()
+        self._drop(prospects.values())
         return [fails[key] for key in keys]
+
+    def _prospects(self, jobs: Mapping[str, Job]) -> dict[str, Prospect]:
+        """Return what jobs may show, by the same keys; those with the same motion share its course."""
+        motions = {key: self.motion_key(job) for key, job in jobs.items()}
+        courses = {key: Course(self._motions.get(key), self._bounds.get(key, 0.0)) for key in motions.values()}
+        self.task.known = self.task.done + len(motions)
+        self._tell()
+        return {
+            key: Prospect(self.family.member(job), courses[motions[key]], motions[key]) for key, job in jobs.items()
+        }
+
+    def _next(self, prospects: Mapping[str, Prospect], limit: float) -> dict[str, Prospect]:
+        """Return those to simulate next, each of another motion: at most as many as there are threads."""
+        within = [key for key, prospect in prospects.items() if prospect.burden <= limit + _ROUNDING]
+        within.sort(key=lambda key: prospects[key].burden)
+        batch: dict[str, str] = {}
+        for key in within:
+            batch.setdefault(prospects[key].motion_key, key)
+            if len(batch) == self._workers:
+                break
+        return {key: prospects[key] for key in batch.values()}
+
+    def _drop(self, prospects: Iterable[Prospect]) -> None:
+        """Keep of jobs that are not simulated on what bounds their burden."""
+        for prospect in prospects:
+            self._bounds[prospect.motion_key] = prospect.course.burden
+        self.task.done = self.task.known
 
     @contextmanager
     def _mapping(self, count: int) -> Iterator[Callable[..., Iterable[Any]]]:

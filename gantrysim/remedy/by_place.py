@@ -35,7 +35,7 @@ from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.lever import State
 from gantrysim.remedy.levers.dispenser import PROPORTIONAL_FLOW
-from gantrysim.remedy.outcome import Motion, Outcome
+from gantrysim.remedy.outcome import Motion, Outcome, least_burden
 from gantrysim.remedy.speed_model import TARGET, LocalUsage, SpeedModel, few_speeds, local_usage
 from gantrysim.results.verdict import PATH
 
@@ -49,6 +49,7 @@ _COMPENSATIONS = 7  # times of the lag compensation that are tried; they need no
 _NEAR = 1.03  # times the shortest time, among which the fewest changes of the speed count
 _ENOUGH = 0.005  # share of the time by which another run would have to be shorter
 _READ_BACK = 1e-6  # relative
+_AS_GOOD = 1e-6  # of a burden
 _FLOW_DIGITS = 4  # of a set point
 
 
@@ -407,9 +408,11 @@ class _Search:
 
     def _with_best_glue(self, job: Job) -> tuple[Job, Outcome]:
         jobs = [job.changed(changes) for changes in self._glue]
-        outcomes = self._bench.measure_all(jobs)
-        k = min(range(len(jobs)), key=lambda k: outcomes[k].burden)
-        return jobs[k], outcomes[k]
+        # one that is as good is no better
+        outcomes = self._bench.promising(jobs, lambda known: least_burden(known) - _AS_GOOD)
+        known = {k: outcome for k, outcome in enumerate(outcomes) if outcome is not None}
+        k = min(known, key=lambda k: known[k].burden)
+        return jobs[k], known[k]
 
     def _usage(self, job: Job, motion: Motion, outcome: Outcome) -> LocalUsage:
         assert motion.budget is not None

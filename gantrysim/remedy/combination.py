@@ -22,10 +22,14 @@ from gantrysim.base.errors import GantryError
 from gantrysim.job.job import Job
 from gantrysim.remedy.lever import Effort, Lever, Setting, State, factor_text, rounded_number
 from gantrysim.remedy.levers.program import FASTER, SLOWER, at_factor
-from gantrysim.remedy.outcome import Outcome
+from gantrysim.remedy.outcome import Outcome, least_burden
 from gantrysim.results.score import usage_of
 
 SHARE = 0.01  # of the burden, by which a lever of the combination lowers it
+
+
+# the largest burden that counts, for what is known of other jobs
+Limit = Callable[[Sequence[Outcome]], float]
 
 
 @dataclass(frozen=True)
@@ -71,23 +75,23 @@ class Combinations:
 
     Args:
         start: the state of the job as it is.
-        measure_all: returns what the runs of jobs show.
+        promising: returns what the runs of jobs show, None for those whose burden is above a limit.
         bad_rows: returns the names of the rows that are to pass and do not, from what a run shows.
         member: returns a job that shares with others what it has in common with them.
 
     Attributes:
-        measure_all: as given.
+        promising: as given.
     """
 
     def __init__(
         self,
         start: State,
-        measure_all: Callable[[Sequence[Job]], list[Outcome]],
+        promising: Callable[[Sequence[Job], Limit], list[Outcome | None]],
         bad_rows: Callable[[Outcome], set[str]],
         member: Callable[[Job], Job],
     ) -> None:
         self._start = start
-        self.measure_all = measure_all
+        self.promising = promising
         self._bad_rows = bad_rows
         self._member = member
         # by names of levers and labels of settings
@@ -175,15 +179,24 @@ class Combinations:
         if not candidates:
             return None
         present = self.state_of(picks).outcome.burden
-        outcomes = self.measure_all([candidate.job for candidate in candidates])
-        least = min(outcome.burden for outcome in outcomes)
-        if least > (1 - SHARE) * present:
+        enough = (1 - SHARE) * present
+
+        def limit(known: Sequence[Outcome]) -> float:
+            """Return the largest burden that may count: near the least one, where that is low enough."""
+            least = least_burden(known)
+            return least + SHARE * present if least <= enough else enough
+
+        outcomes = self.promising([candidate.job for candidate in candidates], limit)
+        burdens = [math.inf if outcome is None else outcome.burden for outcome in outcomes]
+        least = min(burdens)
+        if least > enough:
             return None
-        near = [k for k, outcome in enumerate(outcomes) if outcome.burden <= least + SHARE * present]
+        near = [k for k, burden in enumerate(burdens) if burden <= least + SHARE * present]
+        known = {k: outcome for k, outcome in enumerate(outcomes) if outcome is not None}
         effort = min(candidates[k].added_pick.lever.effort for k in near)
         lever = next(candidates[k].added_pick.lever for k in near if candidates[k].added_pick.lever.effort == effort)
         settings = [k for k in near if candidates[k].added_pick.lever is lever]
-        best = min(settings, key=lambda k: (*rank(outcomes[k]), k))
+        best = min(settings, key=lambda k: (*rank(known[k]), k))
         return list(candidates[best].picks)
 
 
@@ -307,11 +320,12 @@ def fewest_levers(
             for chosen, candidate in group if not is_failing else ():
                 chosen.admit(candidate)
         possible = [candidate for chosen in several for candidate in chosen.candidates()]
-        outcomes = combinations.measure_all([candidate.job for candidate in possible])
+        # those that do not pass do not count
+        outcomes = combinations.promising([candidate.job for candidate in possible], lambda _: 0.0)
         passing = [
             (rank(outcome), k)
             for k, outcome in enumerate(outcomes)
-            if outcome.burden == 0 and outcome.duration <= (1 + SHARE) * present.duration
+            if outcome is not None and outcome.burden == 0 and outcome.duration <= (1 + SHARE) * present.duration
         ]
         if passing:
             return list(possible[min(passing)[1]].picks)

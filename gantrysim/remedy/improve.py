@@ -14,7 +14,15 @@ from gantrysim.job.job import Job, check_job
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench, Progress
 from gantrysim.remedy.by_place import speed_by_place
-from gantrysim.remedy.combination import Combinations, Pick, best_combination, fewest_levers, merged_picks, setting_of
+from gantrysim.remedy.combination import (
+    Combinations,
+    Limit,
+    Pick,
+    best_combination,
+    fewest_levers,
+    merged_picks,
+    setting_of,
+)
 from gantrysim.remedy.fastest import fastest_program
 from gantrysim.remedy.improvement import Improvement
 from gantrysim.remedy.lever import ROWS, Lever, Setting, State
@@ -51,7 +59,7 @@ class Search:
         self._bench = bench
         self._rows = frozenset(rows)
         self._causes = causes
-        self._combinations = Combinations(self.start, self._measure_all, self._bad_rows, bench.family.member)
+        self._combinations = Combinations(self.start, self._promising, self._bad_rows, bench.family.member)
 
     def plausible(self, levers: Sequence[Lever]) -> tuple[list[Lever], list[Skipped]]:
         """Return the levers to try, and those that cannot help: the rows they act on pass, or no cause is theirs."""
@@ -150,6 +158,10 @@ class Search:
     def _measure_all(self, jobs: Sequence[Job]) -> list[Outcome]:
         return [self._checked_outcome(outcome) for outcome in self._bench.measure_all(jobs)]
 
+    def _promising(self, jobs: Sequence[Job], limit: Limit) -> list[Outcome | None]:
+        outcomes = self._bench.promising(jobs, lambda known: limit([self._checked_outcome(other) for other in known]))
+        return [None if outcome is None else self._checked_outcome(outcome) for outcome in outcomes]
+
     def _checked_outcome(self, outcome: Outcome) -> Outcome:
         """Return the outcome, as a failure where it lays another part than the job: no row judges that."""
         return outcome if outcome.failure else replace(outcome, failure=another_part(self.start.outcome, outcome))
@@ -240,7 +252,7 @@ def improve(
     bad = _bad_rows(before, names)
     at_program_speed = job
     if bad:
-        search = Search(job, bench, names, _causes(job, bad, causes))
+        search = Search(job, bench, names, _causes(job, bad, causes, bench.shown_budget(job)))
         improvement = _searched_improvement(search, chosen, before)
         at_program_speed = search.at_program_speed(improvement)
     else:
@@ -286,11 +298,11 @@ def _bad_rows(outcome: Outcome, names: Sequence[str]) -> list[str]:
     return [row.name for row in outcome.verdict.rows if row.name in names and row_burden(row) > 0]
 
 
-def _causes(job: Job, bad: Sequence[str], known: Causes | None) -> Causes | None:
+def _causes(job: Job, bad: Sequence[str], known: Causes | None, budget: Budget | None) -> Causes | None:
     """Return the causes of the contour error where the path is bad; None for a job with deliberate faults."""
     if PATH not in bad or job.faults:
         return None
-    return causes_of(job) if known is None else known
+    return causes_of(job, budget=budget, by_link=False) if known is None else known
 
 
 def _searched_improvement(search: Search, levers: Sequence[Lever], before: Outcome) -> Improvement:

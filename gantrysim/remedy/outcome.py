@@ -7,13 +7,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
-from gantrysim.base import memory
-from gantrysim.base.errors import GantryError, InputError
+from gantrysim.base.errors import GantryError
 from gantrysim.engine.linear import Engine
 from gantrysim.engine.recording import dispensed_otherwise
-from gantrysim.engine.simulate import records_in_parts
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
@@ -21,11 +18,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.score import burden_of, row_burden
-from gantrysim.results.verdict import Verdict, motion_rows
-
-# Shares of a run after which its path is judged, where it is only asked whether the run fails: most runs that fail are
-# off their path early.
-_PARTS = (0.08, 0.25, 0.6)
+from gantrysim.results.verdict import MotionRows, Verdict
 
 _OF_MOTION = ("built_servo", "margins", "setpoints", "start_wait")  # of a job, computed for its run
 
@@ -42,7 +35,7 @@ class Outcome:
         missing: mean over the starts of the glue missing there, as length of the requested bead [mm].
         excess: mean over the stops of the glue in excess there, likewise [mm].
         dots: volumes of the dots, with what is drawn into strings, 0 where none is requested [mm³].
-        motion_fails: see `Motion.fails`.
+        motion_burden: see `Motion.burden`; inf for a job that is refused.
     """
 
     verdict: Verdict | None
@@ -52,7 +45,7 @@ class Outcome:
     missing: float = 0.0
     excess: float = 0.0
     dots: tuple[float, ...] = ()
-    motion_fails: bool = False
+    motion_burden: float = math.inf
 
     @property
     def burden(self) -> float:
@@ -68,6 +61,11 @@ class Outcome:
     def passes(self) -> bool:
         """Whether the verdict is a pass."""
         return self.state == PASS
+
+
+def least_burden(outcomes: Sequence[Outcome]) -> float:
+    """Return the least burden of what jobs show, inf without any."""
+    return min((outcome.burden for outcome in outcomes), default=math.inf)
 
 
 def motion_key(job: Job, before: float | None = None) -> str:
@@ -96,23 +94,6 @@ def time_before_glue(job: Job) -> float:
         return job.controller.setpoints(job.servo.period).time_before_glue
     except GantryError:  # its run tells why
         return 0.0
-
-
-def measured_together(jobs: Sequence[Job], motion: Motion | None = None) -> Measured:
-    """Simulate jobs of the same motion, see `motion_key`, once for all; return what the run of each shows.
-
-    Args:
-        jobs: the jobs.
-        motion: theirs, where a job with it has been simulated.
-    """
-    outcomes: list[Outcome] = []
-    for job in jobs:
-        try:
-            motion = Motion.of(job) if motion is None else motion
-            outcomes.append(motion.outcome(job))
-        except GantryError as error:
-            outcomes.append(Outcome(None, failure=str(error)))
-    return Measured(tuple(outcomes), motion)
 
 
 @dataclass(frozen=True)
@@ -151,100 +132,68 @@ class Motion:
         """Return the motion of a job from its record."""
         return cls(job, run, Budget(Analysis(run)) if run.fault is None else None, is_shown)
 
+    @property
+    def ticks(self) -> int:
+        """Number of ticks of its record."""
+        return len(self.run.time)
+
     @cached_property
-    def fails(self) -> bool:
-        """Whether the verdict is no pass whatever the glue, by path, stability or machine; True for a fault.
+    def rows(self) -> MotionRows:
+        """The rows of the verdict that the glue does not change, of a complete run.
 
-        It needs neither the bead nor the links of the error budget.
+        They need neither the bead nor the links of the error budget.
         """
-        return self.budget is None or any(row_burden(row) > 0 for row in motion_rows(self.job, self.budget))
+        assert self.budget is not None
+        return MotionRows.of(self.job, self.budget)
 
-    def outcome(self, job: Job) -> Outcome:
+    @cached_property
+    def burden(self) -> float:
+        """What path, stability and machine add to the burden of the verdict whatever the glue; inf for a fault."""
+        return math.inf if self.budget is None else sum(map(row_burden, self.rows))
+
+    def laid(self, job: Job) -> tuple[Job, Bead]:
+        """Return a job with this motion that shares with it what is the same, and its bead.
+
+        Raises:
+            GantryError: the job is refused.
+        """
+        assert self.budget is not None
+        run = self.run
+        if job is not self.job:
+            run = dispensed_otherwise(run, job.dispenser)
+            same = {name: getattr(self.job, name) for name in _OF_MOTION if name in self.job.__dict__}
+            job = job.sharing(self.job).model_copy(update=same)
+        return job, Bead(run, job.bead, self.budget.analysis)
+
+    def outcome(self, job: Job, laid: tuple[Job, Bead] | None = None) -> Outcome:
         """Return what the run of a job with this motion shows.
+
+        Args:
+            job: the job.
+            laid: what `laid` returns for it, where that is known.
 
         Raises:
             GantryError: the job is refused.
         """
         if self.budget is None:
             verdict = Verdict.of_fault(self.run)
-            return Outcome(verdict, float(self.run.time[-1]), verdict.fault, motion_fails=True)
+            return Outcome(verdict, float(self.run.time[-1]), verdict.fault)
         run = self.run
-        if job is not self.job:
-            run = dispensed_otherwise(run, job.dispenser)
-            same = {name: getattr(self.job, name) for name in _OF_MOTION if name in self.job.__dict__}
-            job = job.sharing(self.job).model_copy(update=same)
-        bead = Bead(run, job.bead, self.budget.analysis)
+        job, bead = self.laid(job) if laid is None else laid
         is_laid = bead.nominal > 0 and bead.total_volume > 0
         return Outcome(
-            Verdict.of_results(job, self.budget, bead, is_checked=self.is_shown),
+            Verdict.of_results(
+                job,
+                self.budget,
+                bead,
+                is_checked=self.is_shown,
+                known=self.rows if job.tolerance == self.job.tolerance else None,
+            ),
             float(run.time[-1]),
             nominal=max(float(bead.nominal), 0.0),
             missing=float(bead.missing_at_starts.mean()) if is_laid else 0.0,
             excess=float(bead.excess_at_stops.mean()) if is_laid and bead.excess_at_stops.size else 0.0,
             # where none is requested, what is left is rounding
             dots=tuple(dot.volume + dot.string if dot.demand else 0.0 for dot in bead.dots),
-            motion_fails=self.fails,
+            motion_burden=self.burden,
         )
-
-
-class Judged(NamedTuple):
-    """Whether a motion fails whatever the glue.
-
-    Attributes:
-        fails: see `Motion.fails`; False for a job that is refused.
-        motion: the motion; None where it has failed early, or the job is refused.
-    """
-
-    fails: bool
-    motion: Motion | None
-
-
-def judged_motion(job: Job, motion: Motion | None = None) -> Judged:
-    """Judge the motion of a job, simulated as far as needed if it is not known.
-
-    Args:
-        job: the job.
-        motion: its motion, where a job with it has been simulated.
-    """
-    try:
-        if motion is None:
-            motion = _motion_unless_it_fails_early(job)
-    except GantryError:  # its outcome tells why
-        return Judged(False, None)
-    return Judged(motion is None or motion.fails, motion)
-
-
-def _motion_unless_it_fails_early(job: Job) -> Motion | None:
-    """Return the motion of a job, None where the first part of its run is off its path: so is then the whole run."""
-    job.check_loops()
-    with job.locate_errors():
-        simulation = job.prepared_simulation()
-    ticks = len(simulation.position)
-    is_in_loop = job.engine_of_searches == "loop" and simulation.hindrance is None
-    if not is_in_loop or ticks > memory.LONG_RUN or simulation.servo.laws.runs > 1:
-        return Motion.of(job)
-    for run in records_in_parts(simulation, _PARTS):
-        if len(run.time) < ticks and run.fault is None and _is_off_path(job, run):
-            return None
-    return Motion.with_record(job, run.replaced(job=job))
-
-
-def _is_off_path(job: Job, run: Run) -> bool:
-    """Return whether the contour error of a run, or of its first part, is above its limit."""
-    try:
-        distance = Analysis(run).nozzle.distance
-    except InputError:  # no glue is laid so far
-        return False
-    return float(distance.max()) > job.limits(run.face).path_max
-
-
-class Measured(NamedTuple):
-    """What the runs of jobs with the same motion show.
-
-    Attributes:
-        outcomes: of each job.
-        motion: of all; None where every job is refused.
-    """
-
-    outcomes: tuple[Outcome, ...]
-    motion: Motion | None

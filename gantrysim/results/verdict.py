@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from gantrysim.base.arrays import Floats
 from gantrysim.base.display import Shown
 from gantrysim.base.quantity import MAX, P95, number_text
 from gantrysim.engine.recording import dispenser_loads
@@ -20,7 +22,7 @@ from gantrysim.job.steps import lost_steps
 from gantrysim.job.tolerance import DEFAULT, GIVEN, Bound, Tolerance
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.metrics.budget import Budget
+from gantrysim.metrics.budget import Budget, p95_of
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.metrics.parts import PartValues
 from gantrysim.record.run import Run, check_run
@@ -84,7 +86,14 @@ class Verdict(Shown):
 
     @classmethod
     def of_results(
-        cls, job: Basis, budget: Budget, bead: Bead, machine: Machine | None = None, *, is_checked: bool = True
+        cls,
+        job: Basis,
+        budget: Budget,
+        bead: Bead,
+        machine: Machine | None = None,
+        *,
+        is_checked: bool = True,
+        known: MotionRows | None = None,
     ) -> Verdict:
         """Return the verdict on a run whose budget and bead are known.
 
@@ -95,22 +104,23 @@ class Verdict(Shown):
             machine: machine of the run if not the job's own; the margins are computed for it.
             is_checked: whether the errors are checked against one another first, which needs all links of the budget;
                 a search, whose result runs once more to be shown, compares verdicts without.
+            known: rows that the glue does not change, where these are known.
         """
         run = budget.analysis.run
         if run.fault is not None:
             return cls.of_fault(run)
         if is_checked and budget.contradictions:
             return cls.of_contradictions(budget.contradictions)
-        width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else float("nan")
-        tolerance = job.limits(run.face, width)
+        tolerance = limits_with(job, bead)
         line_at = program_lines(job, len(run.time))
         place_at = places_of(run, line_at)
         loads = dispenser_loads(run, job.dispenser)
+        motion = MotionRows.of(job, budget, machine) if known is None else known
         rows = (
-            path_row(budget.contour_values, tolerance, line_at),
+            motion.path,
             glue_row(bead, tolerance, place_at, is_requested=job.dispenser.flows_at_all),
-            stability_row(job, job.margins if machine is None else margins_of(machine, job.built_servo), tolerance),
-            machine_row(job, run, tolerance, place_at, loads),
+            motion.stability,
+            _with_loads(motion.machine, loads, place_at),
         )
         disturbances = tuple(str(fault) for fault in reached_faults(run))
         return cls(rows, "", tolerance, disturbances, stall=_stall(loads, run))
@@ -246,6 +256,22 @@ def path_row(contour: PartValues, tolerance: Tolerance, line_at: Callable[[float
     )
 
 
+def begun_path_row(error: Floats, count: int | None, tolerance: Tolerance) -> Row:
+    """Return the verdict on the contour error of a run of which only the first part is known, as if the rest had none.
+
+    Args:
+        error: of the ticks with glue so far, at least one, (m,) [mm].
+        count: number of ticks with glue in the whole run; None where it is unknown, and the 95 % error with it.
+        tolerance: of the run.
+    """
+    checks = [Check.of(CONTOUR.statistic(MAX), tolerance.bound("path_max"), float(error.max()))]
+    if count is not None:
+        whole = np.zeros(count)
+        whole[: error.size] = error
+        checks.append(Check.of(CONTOUR.statistic(P95), tolerance.bound("path_p95"), p95_of(whole)))
+    return Row.of(PATH, checks)
+
+
 def shown_path_limit(row: Row, tolerance: Tolerance) -> float:
     """Return the limit of the contour error in pictures [mm].
 
@@ -287,27 +313,54 @@ def stability_row(job: Basis, margins: tuple[Margins, ...] | None, tolerance: To
     )
 
 
-def motion_rows(job: Basis, budget: Budget) -> Iterator[Row]:
-    """Yield the rows of the verdict on a complete run of a job that its glue does not change, the cheapest first."""
-    run = budget.analysis.run
-    tolerance = job.limits(run.face)
-    line_at = program_lines(job, len(run.time))
-    yield stability_row(job, job.margins, tolerance)
-    yield machine_row(job, run, tolerance, places_of(run, line_at))
-    yield path_row(budget.contour_values, tolerance, line_at)
+def limits_with(job: Basis, bead: Bead) -> Tolerance:
+    """Return the limits that a good run of a job keeps, with those that follow from the width of its bead."""
+    width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else math.nan
+    return job.limits(bead.run.face, width)
+
+
+class MotionRows(NamedTuple):
+    """The rows of the verdict on a complete run that its glue does not change.
+
+    Attributes:
+        path, stability: the rows.
+        machine: without the loads of the dispenser's motor.
+    """
+
+    path: Row
+    stability: Row
+    machine: Row
+
+    @classmethod
+    def of(cls, job: Basis, budget: Budget, machine: Machine | None = None) -> Self:
+        """Return the rows of a job's run; arguments as of `Verdict.of_results`."""
+        run = budget.analysis.run
+        tolerance = job.limits(run.face)
+        line_at = program_lines(job, len(run.time))
+        margins = job.margins if machine is None else margins_of(machine, job.built_servo)
+        return cls(
+            path_row(budget.contour_values, tolerance, line_at),
+            stability_row(job, margins, tolerance),
+            machine_row(job, run, tolerance, places_of(run, line_at)),
+        )
 
 
 def machine_verdict(job: Basis, run: Run) -> Row:
     """Return the verdict on the drives of a complete run of a job, which needs neither budget nor bead."""
     tolerance = job.limits(run.face)
     place_at = places_of(run, program_lines(job, len(run.time)))
-    return machine_row(job, run, tolerance, place_at, dispenser_loads(run, job.dispenser))
+    machine = machine_row(job, run, tolerance, place_at)
+    return _with_loads(machine, dispenser_loads(run, job.dispenser), place_at)
 
 
-def machine_row(job: Basis, run: Run, tolerance: Tolerance, place_at: PlaceAt, loads: Iterable[Load] = ()) -> Row:
-    """Return the verdict on the reserves of torque and speed, on lost steps, and on the dispenser's motor."""
-    checks = [*_machine_checks(job, run, tolerance, place_at), *(_load_check(load, place_at) for load in loads)]
-    return Row.of(MACHINE, checks)
+def machine_row(job: Basis, run: Run, tolerance: Tolerance, place_at: PlaceAt) -> Row:
+    """Return the verdict on the reserves of torque and speed, and on lost steps."""
+    return Row.of(MACHINE, list(_machine_checks(job, run, tolerance, place_at)))
+
+
+def _with_loads(machine: Row, loads: Sequence[Load], place_at: PlaceAt) -> Row:
+    """Return the verdict on the drives with that on the dispenser's motor."""
+    return Row.of(MACHINE, [*machine.checks, *(_load_check(load, place_at) for load in loads)]) if loads else machine
 
 
 def _load_check(load: Load, place_at: PlaceAt) -> Check:
@@ -316,7 +369,7 @@ def _load_check(load: Load, place_at: PlaceAt) -> Check:
     return replace(Check.of(quantity, bound, load.value, place=place_at(load.tick)), unit=load.unit)
 
 
-def _stall(loads: Iterable[Load], run: Run) -> str:
+def _stall(loads: Sequence[Load], run: Run) -> str:
     """Return what happens first where the dispenser's motor exceeds its limits; empty where it keeps them."""
     exceeded = [load for load in loads if load.exceeds]
     if not exceeded:

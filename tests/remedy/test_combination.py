@@ -35,10 +35,10 @@ def combinations(factors):
         burden = BURDEN * prod(factors[name] for name in job.levers)
         return SimpleNamespace(burden=burden, duration=1.0, verdict=None)
 
-    def measure_all(jobs):
+    def promising(jobs, limit):
         return [measure(job) for job in jobs]
 
-    return Combinations(State(FactorJob(), measure), measure_all, lambda _: {"path"}, lambda job: job)
+    return Combinations(State(FactorJob(), measure), promising, lambda _: {"path"}, lambda job: job)
 
 
 def names(picks):

@@ -8,14 +8,16 @@ import pytest
 
 from gantrysim import Job
 from gantrysim.engine.simulate import records_in_parts
+from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.combination import MOST_MOTIONS, Combinations, Pick, fewest_levers, merged_picks
+from gantrysim.remedy.course import Course, Prospect
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.levers.dispenser import LAG_COMPENSATION
 from gantrysim.remedy.levers.program import FASTER, SLOWER
-from gantrysim.remedy.outcome import Motion, judged_motion
+from gantrysim.remedy.outcome import Motion
 from gantrysim.results.score import row_burden
-from gantrysim.results.verdict import motion_rows
+from gantrysim.results.verdict import MotionRows
 
 from support.remedies import AREA, LAG, SIDES, lines_job, outcome
 
@@ -44,12 +46,19 @@ def sums(passes, duration=lambda values: 1.0, runs=None):
         return SimpleNamespace(burden=burden, duration=duration(job.values), verdict=None)
 
     return Combinations(
-        State(SumJob(), measure), lambda jobs: [measure(job) for job in jobs], lambda _: {"path"}, lambda job: job
+        State(SumJob(), measure),
+        lambda jobs, limit: [measure(job) for job in jobs],
+        lambda _: {"path"},
+        lambda job: job,
     )
 
 
 def none_fails(jobs):
     return [False] * len(jobs)
+
+
+def prospect_of(job):
+    return Prospect(job, Course(), "")
 
 
 def labels(picks):
@@ -92,7 +101,9 @@ def test_too_many_motions_are_not_simulated():
 
 def real(text=SIDES, **tables):
     job = lines_job(text, **tables)
-    return Combinations(State(job, outcome), lambda jobs: list(map(outcome, jobs)), lambda _: {"glue"}, lambda job: job)
+    return Combinations(
+        State(job, outcome), lambda jobs, limit: list(map(outcome, jobs)), lambda _: {"glue"}, lambda job: job
+    )
 
 
 @pytest.mark.parametrize(("first", "second", "shown"), [("1.41", "0.84", "× 1.184"), ("1.41", "0.5", "× 0.705")])
@@ -154,7 +165,7 @@ def test_levers_that_leave_a_row_alone_are_not_tried_without_others():
     runs = []
     combinations = sums(lambda values: sum(values) >= 6, runs=runs)
     two_rows = Combinations(
-        combinations.state_of([]), combinations.measure_all, lambda _: {"path", "glue"}, lambda job: job
+        combinations.state_of([]), combinations.promising, lambda _: {"path", "glue"}, lambda job: job
     )
     glue = Lever("glue lever", "", "", ("glue",), lambda state: [Setting("5", {"glue": 5})])
     picks = [Pick(ONE, "1"), Pick(glue, "5")]
@@ -214,33 +225,37 @@ def test_a_motion_fails_as_its_verdict_says(changes):
     motion = Motion.of(job)
     verdict = motion.outcome(job).verdict
     rows = [row for row in verdict.rows if row.name != "glue"]
-    assert list(motion_rows(job, motion.budget)) == [rows[1], rows[2], rows[0]]
+    assert list(MotionRows.of(job, motion.budget)) == rows
     is_of_motion = bool(changes) and "dispenser.dead_time" not in changes
-    assert Motion.of(job).fails == motion.outcome(job).motion_fails == is_of_motion
-    judged = judged_motion(job)
-    assert judged.fails == is_of_motion
-    # a path that is left ends the run early
-    assert (judged.motion is None) == ("tolerance.path_max" in changes)
-    if judged.motion is not None:
-        np.testing.assert_array_equal(judged.motion.run.nozzle, motion.run.nozzle)
+    assert motion.outcome(job).motion_burden == sum(map(row_burden, rows))
+    assert (Motion.of(job).burden > 0) == is_of_motion
+    prospect = prospect_of(job)
+    judged = prospect.judge_motion()
+    assert (prospect.course.burden > 0) == is_of_motion
+    # a path that is left ends the run early, and loops without margins need none
+    assert (judged is None) == bool({"tolerance.path_max", "tolerance.least_gain_margin"} & set(changes))
+    if judged is not None:
+        np.testing.assert_array_equal(judged.run.nozzle, motion.run.nozzle)
 
 
 def test_a_job_that_is_refused_has_no_motion_whose_failure_counts():
     """An unstable servo: as a trial, its outcome tells why; simulated, it would fail as a path that is left does."""
-    refused = judged_motion(lines_job(SIDES, servo={"kp": 100.0, "kd": 0.0}))
-    assert (refused.fails, refused.motion) == (False, None)
+    job = lines_job(SIDES, servo={"kp": 100.0, "kd": 0.0})
+    assert prospect_of(job).judge_motion() is None
+    assert Bench(job, workers=1).motions_fail([job]) == [False]
 
 
-@pytest.mark.parametrize("share", [0.5, 0.98, 1.02, 2.0])
+@pytest.mark.parametrize("share", [0.5, 1.22, 1.28, 2.0])
 def test_a_run_ends_early_only_beyond_the_limit_of_its_path(share):
     """The limit is a share of the largest distance in the whole run, which a part of the run has already."""
     job = lines_job(SIDES, dispenser={"area": AREA, **LAG})
     largest = float(Motion.of(job).budget.contour_values.max)
     at_limit = job.changed({"tolerance.path_max": share * largest, "tolerance.path_p95": 2 * largest})
-    judged = judged_motion(at_limit)
-    # a warning near the limit needs the complete run
-    assert judged.fails == Motion.of(at_limit).fails
-    assert (judged.motion is None) == (share < 1)
+    prospect = prospect_of(at_limit)
+    judged = prospect.judge_motion()
+    assert (prospect.course.burden > 0) == (Motion.of(at_limit).burden > 0)
+    # a warning counts, from 80 % of the limit on
+    assert (judged is None) == (share < 1.25)
 
 
 def test_a_trial_needs_no_links_of_its_budget():
@@ -272,5 +287,5 @@ def test_a_motion_does_not_fail_by_the_load_that_the_glue_makes():
     outcomes = [motion.outcome(job) for job in jobs]
     burdens = [row_burden(outcome.verdict["machine"]) for outcome in outcomes]
     assert burdens[0] > burdens[1] == 0
-    assert not motion.fails
-    assert [outcome.motion_fails for outcome in outcomes] == [False, False]
+    assert motion.burden == 0
+    assert [outcome.motion_burden for outcome in outcomes] == [0, 0]

@@ -19,7 +19,7 @@ from gantrysim.remedy.combination import Pick
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.improve import Search, another_part, improve, worst_rows
 from gantrysim.remedy.lever import Lever, Setting
-from gantrysim.remedy.outcome import Motion, Outcome, measured_together, motion_key
+from gantrysim.remedy.outcome import Motion, Outcome, motion_key
 from gantrysim.remedy.report import TITLE, change_section, comparison_of
 from gantrysim.results.checks import Check, Row
 from gantrysim.study.cases import measure
@@ -213,7 +213,7 @@ def test_glue_laid_along_a_record_is_that_of_a_run_of_its_own(changes):
     job = fixed_flow()
     other = job.changed(changes)
     assert motion_key(other) == motion_key(job)
-    assert measured_together([job, other]).outcomes == (measured_outcome(job), measured_outcome(other))
+    assert Bench(job, workers=1).measure_all([job, other]) == [measured_outcome(job), measured_outcome(other)]
     laid = dispensed_otherwise(job.run(), other.dispenser)
     assert laid.flow.tolist() == other.run().flow.tolist()
 
@@ -223,7 +223,7 @@ def test_a_start_lead_that_does_not_hold_the_program_back_leaves_the_motion():
     job = lines_job(LINE, dispenser={"area": 2.0, **LAG})
     early = job.changed({"dispenser.start_lead": 0.2})
     assert motion_key(early) == motion_key(job)
-    assert measured_together([job, early]).outcomes == (measured_outcome(job), measured_outcome(early))
+    assert Bench(job, workers=1).measure_all([job, early]) == [measured_outcome(job), measured_outcome(early)]
     assert measured_outcome(early) != measured_outcome(job)
     held = job.changed({"dispenser.start_lead": 1.0})
     assert motion_key(held) != motion_key(job)

@@ -3,7 +3,7 @@
 from functools import cache
 
 from gantrysim import Job
-from gantrysim.remedy.outcome import measured_together
+from gantrysim.remedy.bench import Bench
 
 LAG = {"dead_time": 0.005, "opening": 0.02, "closing": 0.02}
 FLOW = 200.0  # [mm³/s], 2 mm² at 100 mm/s
@@ -116,7 +116,7 @@ def rubbing():
 
 def measured_outcome(job):
     """What the run of a job shows; a job that is refused has an outcome too."""
-    return measured_together([job]).outcomes[0]
+    return Bench(job, workers=1).measure(job)
 
 
 @cache
