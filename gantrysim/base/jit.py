@@ -21,7 +21,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -61,12 +61,12 @@ _settings_lock = threading.RLock()
 def jit(function: _Function) -> _Function:
     """Compile a function, for calls from Python and from other compiled functions, and keep the result on disk.
 
-    It is compiled where it is first called with arguments of a type.
+    It is compiled where it is first called with arguments of a type, and runs without Python's lock.
 
     Raises:
         InputError: NUMBA_DISABLE_JIT is set.
     """
-    compiled: Any = _cached_function(numba.njit, function)
+    compiled: Any = _cached_function(partial(numba.njit, nogil=True), function)
     _compiled.append(compiled)
     return compiled
 
