@@ -30,6 +30,7 @@ class Gain:
         before, after: values of that check; nan where it is unknown.
         usage_before, usage_after: share of the limit that the row's worst check uses.
         state: of the row, after.
+        quantity_after: of the check after the change, where it is another, as too wide for too narrow.
     """
 
     row: str
@@ -42,6 +43,7 @@ class Gain:
     usage_before: float = math.nan
     usage_after: float = math.nan
     state: str = UNJUDGED
+    quantity_after: str = ""
 
     @property
     def is_better(self) -> bool:
@@ -52,7 +54,10 @@ class Gain:
     def text(self) -> str:
         """Both values with their unit."""
         unit = f" {self.unit}" if self.unit else ""
-        return f"{number_text(self.before, self.form)}{GAIN_ARROW}{number_text(self.after, self.form)}{unit}"
+        before, after = (number_text(value, self.form) for value in (self.before, self.after))
+        if self.quantity_after:
+            return f"{before}{unit}{GAIN_ARROW}{self.quantity_after} {after}{unit}"
+        return f"{before}{GAIN_ARROW}{after}{unit}"
 
 
 def gains_of(before: Verdict, after: Verdict | None) -> tuple[Gain, ...]:
@@ -85,8 +90,10 @@ def _gain(row: Row, check: Check | None, after: Verdict | None) -> Gain:
         return gain
     changed = after[row.name]
     same = None if check is None else _check(changed, check.name)
-    value = math.nan if same is None else same.value
-    return replace(gain, after=value, usage_after=usage_of(changed), state=changed.state)
+    if same is not None:
+        other = "" if same.quantity == gain.quantity else same.quantity
+        gain = replace(gain, after=same.value, quantity_after=other)
+    return replace(gain, usage_after=usage_of(changed), state=changed.state)
 
 
 def _check(row: Row, name: str) -> Check | None:

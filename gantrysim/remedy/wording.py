@@ -197,8 +197,6 @@ def _lever_text(trial: Trial, changes: Mapping[str, tuple[Any, Any]], keys: Keys
     if not texts and trial.setting.partition(" ")[0].isdecimal():
         meaning = f" ({trial.lever.meaning})" if trial.lever.meaning else ""
         return f"{name} {trial.setting}{meaning}"
-    if LAW in changes and not texts:
-        return f"{name} (servo law)"
     if not texts:
         return f"{name} ({trial.setting})" if trial.setting else name
     if len(texts) == 1 and name not in _SPEED_LEVERS:
@@ -213,7 +211,7 @@ def _flow_text(changes: Mapping[str, tuple[Any, Any]], base: Job, improved: Job)
     former = [key for key in changes if key in _DEMANDS and changes[key][0] and not changes[key][1]]
     texts = [f"{changes[key][0]:g} {DEMANDS[key.removeprefix(_DISPENSER)]} constant{GAIN_ARROW}" for key in former]
     lags = (base.dispenser.advance, improved.dispenser.advance)
-    lag = f", lag compensation (advance) {_change_text(*lags, 's')}" if lags[0] != lags[1] else ""
+    lag = f", lag compensation {_change_text(*lags, 's')}" if lags[0] != lags[1] else ""
     return f"{''.join(texts[:1])}{improved.dispenser.area:g} mm² (area) × path speed{lag}"
 
 

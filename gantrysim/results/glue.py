@@ -252,9 +252,7 @@ def _passes_content(ploughing: Ploughing, bead: Bead) -> dict[str, Any]:
 def _ploughing_check(ploughing: Ploughing, tolerance: Tolerance, place_at: PlaceAt) -> Check:
     """Return the check of the bead that the needle passes through after it has laid it."""
     place = None if ploughing.tick is None else place_at(ploughing.tick)
-    # the place is that of one pass, the length that of all
-    words = f"{PLOUGHED.label}, in all"
-    return Check.of(PLOUGHED, tolerance.bound("bead_ploughed"), ploughing.length, words, place)
+    return Check.of(PLOUGHED, tolerance.bound("bead_ploughed"), ploughing.length, place=place)
 
 
 def _ploughing_remarks(ploughing: Ploughing, bead: Bead, tolerance: Tolerance) -> Iterator[str]:
@@ -265,9 +263,12 @@ def _ploughing_remarks(ploughing: Ploughing, bead: Bead, tolerance: Tolerance) -
     if 0 < ploughing.dry < ploughing.passes:
         passes = f"{passes} ({ploughing.dry} in dry moves, {ploughing.passes - ploughing.dry} while it dispenses)"
     below = PLOUGHED_DEPTH.number(ploughing.depth) != "0"
-    depth = f"up to {PLOUGHED_DEPTH.text(ploughing.depth)} below its top" if below else "touching its top"
+    # the place of the worst value is that of one pass
+    length = f"{PLOUGHED.text(ploughing.length)}{'' if ploughing.passes == 1 else ' in all'}"
+    depth = f"up to {PLOUGHED_DEPTH.text(ploughing.depth)} deep" if below else "touching its top"
     glue = f"glue, {_counted_noun(ploughing.dots, 'dot')} among it" if ploughing.dots else "bead"
-    yield f"{THROUGH_GLUE} {glue}: {passes}, {depth}; {_off_the_path(bead, tolerance) or _remedy(ploughing.tick, bead)}"
+    reason = _off_the_path(bead, tolerance) or _remedy(ploughing.tick, bead)
+    yield f"{THROUGH_GLUE} {glue}: {passes}, {length}, {depth}; {reason}"
 
 
 def _off_the_path(bead: Bead, tolerance: Tolerance) -> str:
@@ -286,17 +287,19 @@ def _off_the_path(bead: Bead, tolerance: Tolerance) -> str:
 def _remedy(tick: int, bead: Bead) -> str:
     """Return what prevents a pass through glue, in words."""
     run = bead.run
-    where = "" if "z" in run.axes else ", on a machine with a z axis,"
+    has_z = "z" in run.axes
     if run.dispense[tick - 1]:
+        how = "valve closed" if has_z else "z axis, valve closed"
         return (
             "the path crosses its own bead while it dispenses: lay the bead without crossings, or lift the needle over "
-            f"them{where} with the valve closed"
+            f"them ({how})"
         )
     height = run.nozzle[:, 2] - bead.surface()
     top = max([float(bead.nominal_section.height[0]), *(dot.cap.height for dot in bead.dots)])
     if float(height.max()) > top + bead.gap:
         return "a dry move leads through it: lift the needle before this dry move"
-    return f"it never lifts: lift the needle before dry moves{where} or order them so that none crosses the bead"
+    where = "" if has_z else " (on a machine with a z axis)"
+    return f"it never lifts: lift the needle before dry moves{where}, or order them so that none crosses the bead"
 
 
 def ploughing_reason(row: Row) -> str:

@@ -53,7 +53,7 @@ TURN_CLEARANCE_ERROR = Quantity[Any](
 # of a `Ploughing`
 PLOUGHED = Quantity[Any](
     "bead_ploughed",
-    label="bead ploughed by the needle",
+    label="bead ploughed",
     unit="mm",
     form=".1f",
     meaning="Length of bead that the needle has passed through after laying it, each piece counted once",

@@ -72,7 +72,11 @@ def test_the_sentence_says_what_is_reached_and_what_remains():
     assert sentence.endswith("What forbids it is the drives: their torque or speed has too little reserve.")
 
 
-def glue_of(ploughed, width, remark="1 pass; it never lifts: lift it before dry moves, or lead them around the bead"):
+def glue_of(
+    ploughed,
+    width,
+    remark="1 pass; it never lifts: lift it before dry moves, or order them so that none crosses the bead",
+):
     """An outcome whose needle ploughs a length of its bead, beside a path that passes."""
     checks = [
         Check(name="bead_ploughed", quantity="bead ploughed", value=ploughed, limit=0.0, unit="mm", source="default"),
@@ -83,7 +87,7 @@ def glue_of(ploughed, width, remark="1 pass; it never lifts: lift it before dry 
 
 def test_what_no_lever_cures_is_told_first_with_what_does():
     """The change proposed is for another value than the one that spoils the run: it must not seem to cure that."""
-    order = "lift it before dry moves, or lead them around the bead"
+    order = "lift it before dry moves, or order them so that none crosses the bead"
     before, after = glue_of(2.5, 15.2), glue_of(2.4, 2.04)
     result = result_of(after, before=before, combination=picked(after, "lag compensation", before=before))
     assert result.sentence == (

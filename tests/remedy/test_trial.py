@@ -1,6 +1,7 @@
 """What a change does to the checks of a verdict, by hand."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -57,3 +58,9 @@ def test_a_check_that_is_not_made_after_a_change_has_no_value():
     assert math.isnan(path.after)
     assert (path.usage_after, path.state) == (0.6, "pass")
     assert (glue.usage_after, glue.state) == (1000.0, "fail")
+
+
+def test_a_value_whose_sign_changes_keeps_its_words():
+    gain = Gain("glue", "bead too narrow by", "%", before=15.2, after=2.6, quantity_after="bead too wide by")
+    assert gain.text == "15.2 % → bead too wide by 2.6 %"
+    assert replace(gain, quantity_after="").text == "15.2 → 2.6 %"

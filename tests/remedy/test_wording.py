@@ -41,14 +41,14 @@ def words(job, *trials):
             "friction compensation",
             "",
             {"servo.law": ["pid", "friction"]},
-            "friction compensation (servo law)",
+            "friction compensation",
         ),
         (
             "an225",
             "flow by speed",
             "area 2 mm², 38 ms compensated",
             {"dispenser.flow": 0.0, "dispenser.area": 2.0, "dispenser.advance": 0.038},
-            "flow by speed: 200 mm³/s constant → 2 mm² (area) × path speed, lag compensation (advance) 0 → 38 ms",
+            "flow by speed: 200 mm³/s constant → 2 mm² (area) × path speed, lag compensation 0 → 38 ms",
         ),
         (
             "fanuc-spiral",

@@ -196,7 +196,7 @@ def test_a_low_move_over_dots_fails(beside):
     # both diameters, which the remark gives
     assert check.value == pytest.approx(2.51 + 3.17, abs=0.01)
     assert check.place.line == 23
-    assert "needle through its own glue, 2 dots among it: 2 passes, up to 0.41 mm below its top" in row.remark
+    assert "needle through its own glue, 2 dots among it: 2 passes, 5.7 mm in all, up to 0.41 mm deep" in row.remark
     assert row.remark.endswith("lift the needle before this dry move")
     assert row.values["passes_through_glue"] == 2
     assert all(dot["state"] == "pass" for dot in row.values["dots"])

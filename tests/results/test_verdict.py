@@ -441,7 +441,7 @@ def test_a_needle_that_goes_home_through_its_bead_fails_with_the_line_of_that_mo
     check = only(row.checks, "bead_ploughed")
     assert (check.state, check.limit) == ("fail", 0.0)
     assert job.program["text"].splitlines()[check.place.line - 1].startswith("MOVEABS(0,0)")
-    assert "1 pass, up to 0.42 mm below its top; it never lifts" in row.remark
+    assert "1 pass, 2.5 mm, up to 0.42 mm deep; it never lifts" in row.remark
     assert row.content()["passes_through_glue"] == 1
     admitted = job.changed({"tolerance.bead_ploughed": 5.0})
     assert only(Verdict.of(admitted, job_run("trio-basic"))["glue"].checks, "bead_ploughed").state == "pass"
