@@ -37,6 +37,7 @@ PARAMETERS_ALLOWED: dict[str, str] = {
 CHANGING = {
     "engine/learning.py:_Pupil",
     "remedy/bench.py:Task",
+    "remedy/course.py:Prospect",
     "study/tuning/candidates.py:Candidate",
     "study/tuning/search.py:MarginEdge",
     "study/tuning/search.py:_Runs",

@@ -117,18 +117,18 @@ def _fill(plant: Any, sizes: Floats, sums: Floats, passive: Floats) -> None:
     """
     n = sums.shape[1]
     m = plant.axes
-    # columns that follow from the sums, and one for the force of each axis
-    left = np.zeros((n, n))
-    right = np.zeros((n, 2 * n + 1 + m))
+    # impulses: columns that follow from the sums, and one for the force of each axis
+    inertia = np.zeros((n, n))
+    impulses = np.zeros((n, 2 * n + 1 + m))
     for k in range(len(sizes)):
         for i in range(n):
             for j in range(n):
-                left[i, j] += sizes[k] * sums[k, i, j]
+                inertia[i, j] += sizes[k] * sums[k, i, j]
             for j in range(2 * n + 1):
-                right[i, j] += sizes[k] * sums[k, i, n + j]
+                impulses[i, j] += sizes[k] * sums[k, i, n + j]
     for a in range(m):
-        right[plant.dof[a], 2 * n + 1 + a] = 1.0
-    solved = np.linalg.solve(left, right)
+        impulses[plant.dof[a], 2 * n + 1 + a] = 1.0
+    solved = np.linalg.solve(inertia, impulses)
     for i in range(n):
         for j in range(n):
             plant.of_speed[i, j] = solved[i, j]
@@ -145,10 +145,10 @@ def _fill(plant: Any, sizes: Floats, sums: Floats, passive: Floats) -> None:
                 place += sizes[k] * passive[k, line, n + j]
             plant.passive_of_speed[line, j] = speed
             plant.passive_of_place[line, j] = place
-        rest = 0.0
+        still = 0.0
         for k in range(len(sizes)):
-            rest += sizes[k] * passive[k, line, 2 * n]
-        plant.passive_at_rest[line] = rest
+            still += sizes[k] * passive[k, line, 2 * n]
+        plant.passive_at_rest[line] = still
 
 
 @lru_cache(_KEPT)
