@@ -200,14 +200,17 @@ def _main_cause(
             return f"All {text(main.whole)} due to {name}."
         return f"{_part(main, text)} due to {name}; {_rest(main, rest_worths, text, least)}."
     named = [cause for cause in by_worth if cause.worth > least][:_NAMED]
-    names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in named)
+    names = " and ".join(
+        f"{cause.name} ({text(cause.worth)}{f': {cause.meaning}' if cause.meaning else ''})" for cause in named
+    )
     others = by_worth[len(named) :]
     largest = max((cause.worth for cause in others), default=0.0)
     less = (
         f"; none of the other {len(others)} is worth more than {text(max(largest, least))}" if len(others) > 1 else ""
     )
     whole = f"the {text(by_worth[0].whole)}" if by_worth else "it"
-    return f"No single cause is worth half of {whole}{f'; worth most: {names}{less}' if names else ''}."
+    told = f"; worth most: {names}{less}; what they are worth need not add up" if names else ""
+    return f"No single cause is worth half of {whole}{told}."
 
 
 def _part(main: _Worth, text: Callable[[float], str]) -> str:

@@ -37,6 +37,7 @@ from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.glue import PASS_TIMES, DotVerdict
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import GLUE
+from gantrysim.results.verdict_quantities import PASSES, PLOUGHED
 
 # What the page's 3-D view needs beside the columns of the viewer: the bead's height and the machine's poses.
 #
@@ -293,8 +294,13 @@ class ViewerData:
     @property
     def _worst_value(self) -> str:
         """What is worst there, in words; empty where nothing is."""
-        check = self.results.verdict.placed_check
-        return "" if check is None else check.measured
+        verdict = self.results.verdict
+        check = verdict.placed_check
+        if check is None:
+            return ""
+        # the place is that of one pass
+        is_sum = check.name == PLOUGHED.name and verdict[GLUE].values[PASSES.key] > 1
+        return f"{check.measured} in all" if is_sum else check.measured
 
     def _ploughed(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether the needle passes through its own glue at ticks of the run, (m,)."""

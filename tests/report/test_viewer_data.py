@@ -388,15 +388,23 @@ def test_a_path_of_too_many_corners_is_drawn_without_them():
     assert ViewerData(results, most=10).corners() == []
 
 
-def test_the_rows_in_which_the_needle_is_in_its_own_bead_are_those_of_the_verdicts_passes():
-    """A stroke along x, that a second one crosses at its middle: the needle is in the bead for its width and a face."""
-    text = "G21 G90 G64\nG0 X-20 Y0\nM3\nG1 X20 F600\nM5\nG0 X0 Y-20\nM3\nG1 Y20 F600\nM5\nM2\n"
+def crossed_stroke(*places):
+    """What a run shows of a stroke along x, that others cross at these places [mm]."""
+    across = "".join(f"G0 X{x} Y-20\nM3\nG1 Y20 F600\nM5\n" for x in places)
+    text = f"G21 G90 G64\nG0 X-20 Y0\nM3\nG1 X20 F600\nM5\n{across}M2\n"
     program = {"controller": "linuxcnc.Program", "text": text}
     content = {"name": "cross", "machine": "xy", "program": program, "dispenser": {"area": 1.0}}
     job = Job.of_content(content, "job cross")
     run = job.run()
     bead = Bead(run, job.bead, Analysis(run))
-    results = RunResults(job, job.built_machine, Budget(bead.analysis), bead)
+    return RunResults(job, job.built_machine, Budget(bead.analysis), bead)
+
+
+def test_the_rows_in_which_the_needle_is_in_its_own_bead_are_those_of_the_verdicts_passes():
+    """A stroke along x, that a second one crosses at its middle: the needle is in the bead for its width and a face."""
+    results = crossed_stroke(0)
+    bead = results.bead
+    run = bead.run
     content = as_json(ViewerData(results).content())
     rows = content["rows"]
     ploughed = decoded(content["columns"]["ploughed"], rows) > 0
@@ -407,3 +415,10 @@ def test_the_rows_in_which_the_needle_is_in_its_own_bead_are_those_of_the_verdic
     assert y.max() - y.min() > 0.3 * bead.nominal_section.width[0]
     (times,) = results.verdict["glue"].values["passes_through_glue_s"]
     np.testing.assert_allclose(run.time[ploughed][[0, -1]], times, atol=run.period)
+
+
+@pytest.mark.parametrize(("places", "ending"), [((0,), " mm"), ((-8, 8), " mm in all")])
+def test_the_length_of_several_passes_is_said_to_be_their_sum(places, ending):
+    value = ViewerData(crossed_stroke(*places)).content()["worst_value"]
+    assert value.startswith("bead ploughed ")
+    assert value.endswith(ending)
