@@ -25,11 +25,10 @@ from gantrysim.remedy.combination import (
 )
 from gantrysim.remedy.fastest import fastest_program
 from gantrysim.remedy.improvement import Improvement
-from gantrysim.remedy.lever import ROWS, Lever, Setting, State
+from gantrysim.remedy.lever import ROWS, Lever, Setting, Skipped, State, Trial, gains_of
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.levers.program import FASTER, SLOWER
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import PATH
 

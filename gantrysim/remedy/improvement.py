@@ -21,8 +21,8 @@ from gantrysim.job.overrides import known_keys
 from gantrysim.remedy.bounds import bound_of
 from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.fastest import FastestProgram
+from gantrysim.remedy.lever import Skipped, Trial, shown_gains
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.trial import Skipped, Trial, shown_gains
 from gantrysim.remedy.wording import LAW, Keys, comment_of, notes_of_law, words_of
 from gantrysim.results.checks import FAIL, PASS, Check, Row
 from gantrysim.results.glue import ploughing_reason, ploughing_remedy

@@ -20,9 +20,8 @@ from gantrysim.job.job import Job
 from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.improve import improve, worst_rows
 from gantrysim.remedy.improvement import USAGE, Improvement, options
-from gantrysim.remedy.lever import FREE
+from gantrysim.remedy.lever import FREE, GAIN_ARROW
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.trial import GAIN_ARROW
 from gantrysim.report.answer import Remedy
 from gantrysim.report.document import Changes, Section, Table, lead_of
 from gantrysim.results.checks import FAIL, PASS, Check

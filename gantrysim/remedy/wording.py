@@ -11,9 +11,8 @@ from gantrysim.base.quantity import number_text
 from gantrysim.glue.dispenser.dispenser import DEMANDS
 from gantrysim.job.job import Job
 from gantrysim.job.key_list import meanings_of
-from gantrysim.remedy.lever import value_of
+from gantrysim.remedy.lever import GAIN_ARROW, Trial, value_of
 from gantrysim.remedy.levers.program import FASTER, SLOWER
-from gantrysim.remedy.trial import GAIN_ARROW, Trial
 from gantrysim.servo.laws import FRICTION
 
 _UNIT = re.compile(r"\[([^\[\]]+)\]\.?$")

@@ -9,10 +9,9 @@ from gantrysim import Verdict
 from gantrysim.job.job import Job
 from gantrysim.remedy.bounds import bound_of
 from gantrysim.remedy.improvement import Improvement
-from gantrysim.remedy.lever import Lever
+from gantrysim.remedy.lever import Lever, Skipped, Trial, gains_of
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.report import _values, change_section, remedy_of
-from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.checks import Check, Row
 
 from support.remedies import SIDES, lines_job

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from gantrysim import Verdict
-from gantrysim.remedy.trial import Gain, gains_of, shown_gains
+from gantrysim.remedy.lever import Gain, gains_of, shown_gains
 from gantrysim.results.checks import FAIL, Check, Row
 
 
