@@ -91,7 +91,7 @@ def toml_lines(base: Job, improved: Job) -> str:
             head[f"{_PROGRAM}controller"] = given.controller
     lines = _tables(head | values, _comments(base, improved, values))
     if given is not None and given.program_file:
-        return f'# a whole job file, for gantrysim run\nname = "{base.name}"\n{lines}'
+        return f'name = "{base.name}"\n{lines}'
     return lines.replace("[program]\n", f"[program]  # {_WHOLE}\n", 1) if f"{_PROGRAM}controller" in head else lines
 
 

@@ -209,8 +209,8 @@ def _main_cause(
         f"; none of the other {len(others)} is worth more than {text(max(largest, least))}" if len(others) > 1 else ""
     )
     whole = f"the {text(by_worth[0].whole)}" if by_worth else "it"
-    told = f"; worth most: {names}{less}; what they are worth need not add up" if names else ""
-    return f"No single cause is worth half of {whole}{told}."
+    largest_ones = f"; worth most: {names}{less}; what they are worth need not add up" if names else ""
+    return f"No single cause is worth half of {whole}{largest_ones}."
 
 
 def _part(main: _Worth, text: Callable[[float], str]) -> str:

@@ -136,7 +136,7 @@ def test_causes_are_found_by_default(gantrysim_command, tmp_path):
     summary = json.loads((tmp_path / "summary.json").read_text())
     causes = summary["causes"]
     assert re.search(
-        r"\. [\d.]+ µm of [\d.]+ µm due to program \([\w ]+\); without it [\d.]+ µm are left\.$",
+        r"\. [\d.]+ of [\d.]+ µm due to program \([\w ]+\); without it [\d.]+ µm are left\.$",
         summary["headline"],
     )
     path, glue = summary["spoilt"]

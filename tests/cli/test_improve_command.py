@@ -36,7 +36,7 @@ def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeyp
     assert "verdict ✗ fail: glue" in before
     assert "unchanged" in after
     flow = "flow by speed: 200 mm³/s constant → 2 mm² (area) × path speed"
-    assert f"passes with {flow}, lag compensation (advance) 0 → 20 ms." in after
+    assert f"passes with {flow}, lag compensation 0 → 20 ms." in after
     assert "--set dispenser.flow=0.0 --set dispenser.area=2.0 --set dispenser.advance=0.02" in after
     assert "written to better.toml: gantrysim run better.toml" in after
     job = Job.load("better.toml")

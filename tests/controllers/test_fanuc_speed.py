@@ -98,7 +98,7 @@ def test_the_clamp_slows_a_spiral_with_its_radius(clamp):
 def test_the_clamp_leaves_lines_alone():
     assert program("G01 X50 F9000", clamp=Clamp(5, 100, 10)).duration == pytest.approx(math.hypot(50, 0) / 150)
     # before an arc that it slows: 20 mm of radius at a limit of 1,000 mm/min for 5 mm
-    both = program("G01 X50 F9000\nG03 X50 Y40 J20", clamp=Clamp(5, 1000, 10))
+    both = program("G01 X50 F9000\nG03 X50 Y140 J20", clamp=Clamp(5, 1000, 10))
     assert both.duration == pytest.approx(50 / 150 + 20 * math.pi / (2000 / 60))
 
 

@@ -32,7 +32,8 @@ def test_a_motion_is_simulated_once_and_serves_another_glue(runs):
     assert bench.motion(wider) is motion
     first, other = bench.measure_all([job, wider])
     assert other.nominal == pytest.approx(1.5 * first.nominal)
-    assert bench.motions_fail([job, wider]) == [first.motion_fails, first.motion_fails]
+    # glue is no matter of the motion
+    assert len(set(bench.motions_fail([job, wider]))) == 1
     assert len(runs) == 1
     # the first was known from its motion, the second from a bead laid on it
     assert bench.task.done == 2
