@@ -34,5 +34,5 @@ export class Moment {
 /** Where the width of the bead is not judged. @param {[number, number]} lengths of bead after a start, and before a stop */
 function endsNote([start, stop]) {
   const lengths = start === stop ? `${digits(stop)}\u00a0mm of a start or stop` : `${digits(start)}\u00a0mm of a start and ${digits(stop)}\u00a0mm of a stop`;
-  return `Pale where the width is not judged: within ${lengths}, where the length of missing or excess glue is judged instead.`;
+  return `Without colour where the width is not judged: within ${lengths}, where the length of missing or excess glue is judged instead.`;
 }
