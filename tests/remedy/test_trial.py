@@ -64,3 +64,14 @@ def test_a_value_whose_sign_changes_keeps_its_words():
     gain = Gain("glue", "bead too narrow by", "%", before=15.2, after=2.6, quantity_after="bead too wide by")
     assert gain.text == "15.2 % → bead too wide by 2.6 %"
     assert replace(gain, quantity_after="").text == "15.2 → 2.6 %"
+
+
+def test_a_check_that_changes_its_words_gives_both():
+    def verdict(words, value):
+        check = Check(name="width", quantity=words, value=value, limit=10.0, unit="%", source="given")
+        return Verdict((Row.of("glue", [check]),))
+
+    (gain,) = shown_gains(verdict("too narrow by", 15.2), verdict("too wide by", 2.6))
+    assert f"{gain.quantity} {gain.text}" == "too narrow by 15.2 % → too wide by 2.6 %"
+    (gain,) = shown_gains(verdict("too narrow by", 15.2), verdict("too narrow by", 2.6))
+    assert f"{gain.quantity} {gain.text}" == "too narrow by 15.2 → 2.6 %"

@@ -8,7 +8,7 @@ import pytest
 from gantrysim import Job
 from gantrysim.remedy.improvement import toml_lines
 from gantrysim.remedy.levers import LEVERS
-from gantrysim.remedy.wording import words_of
+from gantrysim.remedy.wording import notes_of_law, words_of
 from gantrysim.study.speed.study import speed_changes
 
 
@@ -98,3 +98,18 @@ def test_the_law_of_friction_comes_with_the_values_that_it_takes_from_the_machin
         (line,) = (line for line in lines.splitlines() if line.startswith(f"# {name} = "))
         given = tomllib.loads(line.removeprefix("# ").partition("  ")[0])[name]
         assert given == pytest.approx(improved.built_servo.per_axis(name), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("machine", "speeds", "stiffnesses"),
+    [
+        ("xy", "mm/s", "N·m/mm"),
+        ("xyzr", "mm/s, mm/s, mm/s, deg/s", "N·m/mm, N·m/mm, N·m/mm, N·m/deg"),
+    ],
+)
+def test_values_of_friction_have_the_units_of_their_axes(machine, speeds, stiffnesses):
+    base = Job.load("an225", machine=machine)
+    lines = list(notes_of_law(base, base.changed({"servo.law": ["pid", "friction"]})))
+    ends = {line.partition(" = ")[0]: line.rpartition("]")[2].strip() for line in lines[1:]}
+    assert (ends["friction_speed"], ends["friction_stiffness"]) == (speeds, stiffnesses)
+    assert ends["friction_torque"] == "N·m"
