@@ -90,7 +90,8 @@ def test_a_record_is_switched_on_and_off_where_a_time_is_sought():
     assert _records(fit_of("valve", "pressure", PRESSED)) == []
     ((_, record),) = _records(fit_of("valve", "pressure", PRESSED, values=("dead_time",)))
     assert record.kind == RECORD
-    time, on = record.columns["time"], record.columns["command"]
+    time = record.columns["time"]
+    on = record.columns["command"]
     assert (time[0], time[-1], np.diff(time)) == (0.0, 2.0, pytest.approx(0.01, rel=0.01))
     switches = time[1:][np.diff(on) != 0]
     assert switches == pytest.approx([0.5, 1.2], abs=0.011)

@@ -89,7 +89,8 @@ def test_the_chart_of_a_circle_has_both_paths_their_zone_and_the_limit_where_it_
         assert drawn == colour
         assert x == pytest.approx([*ANGLE, ANGLE[0] + 2 * np.pi])
         assert y == pytest.approx([*deviation, deviation[0]], abs=1e-6)
-    inner, outer = found["minimum zone, G(b) = 19.0 µm"], found["_child3"]
+    inner = found["minimum zone, G(b) = 19.0 µm"]
+    outer = found["_child3"]
     assert np.ptp(inner[0]) == pytest.approx(2 * np.pi)
     assert (min(inner[1]), max(inner[1])) == pytest.approx((-4, -4), abs=0.01)
     assert (min(outer[1]), max(outer[1])) == pytest.approx((15, 15), abs=0.01)

@@ -44,7 +44,8 @@ def test_the_last_glue_is_all_that_flows():
 
 def test_a_valve_that_lags_by_a_time_constant_lays_its_integral():
     """Over h from 0 to p: C p (h - T (1 - e^(-h/T))), and back from p to 0 C p T (1 - e^(-h/T))."""
-    constant, h = 0.02, 0.05
+    constant = 0.02
+    h = 0.05
     part = constant * (1 - math.exp(-h / constant))
     laid, _ = volumes([200.0], 0.0, duration=h, lag=Lag(constant, 1e-9))
     assert laid == pytest.approx([0.02 * 200 * (h - part)], rel=1e-2)
