@@ -9,6 +9,7 @@ time, thousands of times in a search for gains: there LAPACK's solver would spen
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -36,39 +37,71 @@ def transfer(z: Complexes, A: Floats, B: tuple[Floats, Floats], C: Floats) -> Co
 
 @jit
 def _find_values(z: Complexes, A: Floats, B0: Floats, B1: Floats, C: Floats, values: Complexes) -> None:
-    """Write the transfer functions, by Gaussian elimination with pivots of the largest magnitude in their columns."""
-    n = len(A)
-    inputs = B0.shape[1]
-    # z - A, and B1 + B0/z to the right of it
-    rows = np.empty((n, n + inputs), np.complex128)
+    """Write the transfer functions at every z."""
+    rows = np.empty((len(A), len(A) + B0.shape[1]), np.complex128)
     for point in range(z.size):
-        for i in range(n):
-            for j in range(n):
-                rows[i, j] = -A[i, j]
-            rows[i, i] += z[point]
-            for j in range(inputs):
-                rows[i, n + j] = B1[i, j] + B0[i, j] / z[point]
-        for k in range(n):
-            pivot = k
+        find_value(z[point], A, (B0, B1), C, rows, values[point])
+
+
+@jit
+def find_value(z: complex, A: Floats, B: tuple[Floats, Floats], C: Floats, rows: Complexes, value: Complexes) -> None:
+    """Write the transfer functions at one z, (outputs, inputs).
+
+    Args:
+        z: where.
+        A: (states, states).
+        B: B0 and B1, (states, inputs).
+        C: (outputs, states).
+        rows: for the work, (states, states + inputs).
+        value: to be written.
+    """
+    n = len(A)
+    B0, B1 = B
+    # z - A, and B1 + B0/z to the right of it
+    for i in range(n):
+        for j in range(n):
+            rows[i, j] = -A[i, j]
+        rows[i, i] += z
+        for j in range(B0.shape[1]):
+            rows[i, n + j] = B1[i, j] + B0[i, j] / z
+    solve(rows)
+    for output in range(len(C)):
+        for j in range(B0.shape[1]):
+            total = 0.0j
+            for k in range(n):
+                total += C[output, k] * rows[k, n + j]
+            value[output, j] = total
+
+
+@jit
+def solve(rows: Complexes) -> None:
+    """Solve linear equations: of (M, R) to the right of each other, R becomes M^-1 R, and M is used up.
+
+    Gaussian elimination with pivots of the largest magnitude in their columns.
+
+    Args:
+        rows: (n, n + m).
+    """
+    n, width = rows.shape
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if _size(rows[i, k]) > _size(rows[pivot, k]):
+                pivot = i
+        for j in range(k, width):
+            rows[k, j], rows[pivot, j] = rows[pivot, j], rows[k, j]
+        # the divisions take most of the time: one for each pivot
+        inverse = 1.0 / rows[k, k]
+        rows[k, k] = inverse
+        for i in range(k + 1, n):
+            factor = rows[i, k] * inverse
+            for j in range(k + 1, width):
+                rows[i, j] -= factor * rows[k, j]
+    for j in range(n, width):
+        for k in range(n - 1, -1, -1):
             for i in range(k + 1, n):
-                if _size(rows[i, k]) > _size(rows[pivot, k]):
-                    pivot = i
-            for j in range(k, n + inputs):
-                rows[k, j], rows[pivot, j] = rows[pivot, j], rows[k, j]
-            for i in range(k + 1, n):
-                factor = rows[i, k] / rows[k, k]
-                for j in range(k + 1, n + inputs):
-                    rows[i, j] -= factor * rows[k, j]
-        for j in range(n, n + inputs):
-            for k in range(n - 1, -1, -1):
-                for i in range(k + 1, n):
-                    rows[k, j] -= rows[k, i] * rows[i, j]
-                rows[k, j] /= rows[k, k]
-            for output in range(len(C)):
-                total = 0.0j
-                for k in range(n):
-                    total += C[output, k] * rows[k, j]
-                values[point, output, j - n] = total
+                rows[k, j] -= rows[k, i] * rows[i, j]
+            rows[k, j] *= rows[k, k]
 
 
 @jit
@@ -166,3 +199,21 @@ class Compensator:
         """Return the transfer function at every z, (n,)."""
         B = self.B[:, None]
         return self.D + transfer(z, self.A, (np.zeros_like(B), B), self.C[None])[:, 0, 0]
+
+    @cached_property
+    def polynomials(self) -> tuple[Floats, Floats]:
+        """Numerator and denominator of the transfer function, by falling powers of z, (states + 1,) each.
+
+        By the algorithm of Faddeev and LeVerrier: (z - A)^-1 = sum(M[k] z^(n-1-k)) / sum(c[k] z^(n-k)).
+        """
+        n = len(self.A)
+        denominator = np.ones(n + 1)
+        numerator = np.full(n + 1, self.D)
+        M = np.eye(n)
+        for k in range(1, n + 1):
+            numerator[k] = self.C @ M @ self.B
+            M = self.A @ M
+            denominator[k] = -M.trace() / k
+            M = M + denominator[k] * np.eye(n)
+        numerator[1:] += self.D * denominator[1:]
+        return numerator, denominator

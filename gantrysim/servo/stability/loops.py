@@ -17,18 +17,17 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.motion import LinearSystem
+from gantrysim.servo.stability.sensitivity import NARROW, peaks_of
 
 _LOWEST = 1e-5  # lowest frequency of the grid, relative to the Nyquist frequency
 _PER_DECADE = 80
 _AT_NYQUIST = 0.2  # distance from the Nyquist angle within which the grid is finer [rad]
-_PEAKED = 0.3  # damping ratio below which a mode or zero gets grid points of its own
 _AROUND_A_PEAK = np.geomspace(1e-6, 0.03, 24)  # relative distances of these points from the peak
 _HIGH_GAIN = 1e6  # gain at which the poles have reached the zeros
 _ASYMPTOTIC = 1e-9  # least distance of a stable pole from the unit circle
 _EXACT = 1e-8  # accuracy of a crossing, relative
 _MOST_STEPS = 60  # iterations to find a crossing
 _NO_LOOP = 1e-300  # magnitude of a loop without gains
-_ZOOM = 9  # points between those of the grid around the peak of |S|
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +72,7 @@ def _grid(system: LinearSystem) -> Floats:
     z = z[np.abs(z) > 0]
     angle = np.angle(z)
     width = np.abs(np.log(np.abs(z)))
-    peaked = (angle > 0) & (angle < np.pi) & (width < _PEAKED * angle)
+    peaked = (angle > 0) & (angle < np.pi) & (width < NARROW * angle)
     close = np.outer(np.append(1 - _AROUND_A_PEAK, 1 + _AROUND_A_PEAK), angle[peaked]).ravel()
     return np.unique(np.concatenate([even, close[(close > even[0]) & (close < np.pi)]]))
 
@@ -176,47 +175,12 @@ class Loops:
         """Return the open loops at given angles, (n, axes)."""
         return self.open(theta, self.system.response(np.exp(1j * theta)))
 
-
-def peaks_of(loops: Sequence[Loops]) -> Floats:
-    """Return the peak of |S| of each axis of loops that one servo closes on several plants, (loops, axes).
-
-    A search for gains asks for a few points of many loops, and the calls cost more than the points.
-    """
-    laws = loops[0]
-    axes = np.arange(len(laws.laws))
-    grids = [member.plant.theta for member in loops]
-    L = laws.open(np.concatenate(grids), np.concatenate([member.plant.P for member in loops]))
-    first = np.cumsum([0, *(len(grid) for grid in grids[:-1])])
-    peaks: Floats = np.maximum.reduceat(np.abs(1 / (1 + L)), first, axis=0)
-    k = np.array([distance.argmin(axis=0) for distance in np.split(np.abs(1 + L), first[1:])])
-    low = np.array([grid[np.maximum(peak - 1, 0)] for grid, peak in zip(grids, k, strict=True)])
-    high = np.array([grid[np.minimum(peak + 1, len(grid) - 1)] for grid, peak in zip(grids, k, strict=True)])
-    for _ in range(2):
-        near = np.linspace(low, high, _ZOOM, axis=1)  # (loops, zoom, axes)
-        values = np.array(_open_loops(loops, [angles.ravel() for angles in near]))
-        size = np.abs(1 / (1 + values.reshape(*near.shape, -1)[..., axes, axes]))
-        peaks = np.maximum(peaks, size.max(axis=1))
-        k = size.argmax(axis=1)[:, None]
-        low = np.take_along_axis(near, np.maximum(k - 1, 0), 1)[:, 0]
-        high = np.take_along_axis(near, np.minimum(k + 1, _ZOOM - 1), 1)[:, 0]
-    # lightly damped ones have peaks narrower than the grid
-    narrow = [np.angle(_narrow_poles(member.closed_poles)) for member in loops]
-    sizes = [np.abs(1 / (1 + values)).max(axis=0, initial=0) for values in _open_loops(loops, narrow)]
-    return np.maximum(peaks, sizes)
-
-
-def _narrow_poles(poles: Complexes) -> Complexes:
-    """Return the lightly damped poles of the upper half plane."""
-    return poles[(poles.imag > 0) & (np.abs(poles) > 1 - _PEAKED * np.angle(poles))]
-
-
-def _open_loops(loops: Sequence[Loops], angles: Sequence[Floats]) -> list[Complexes]:
-    """Return the open loops that one servo closes on several plants, each at angles of its own, (n, axes) each."""
-    P = np.concatenate(
-        [member.system.response(np.exp(1j * theta)) for member, theta in zip(loops, angles, strict=True)]
-    )
-    L = loops[0].open(np.concatenate(angles), P)
-    return np.split(L, np.cumsum([len(theta) for theta in angles[:-1]]))
+    def peaks(self) -> Floats:
+        """Return the peak of |S| = |1/(1 + L)| of each axis of stable loops, (axes,)."""
+        system = self.system
+        return peaks_of(
+            self.plant.theta, self.plant.P, (system.F, system.G0, system.G1, system.H), self.laws, self.closed_poles
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +274,7 @@ def margins_of_loops(loops: Loops) -> list[Margins]:
     L = loops.open(loops.plant.theta, loops.plant.P)
     crossings = loops.crossings(L)
     stable = loops.stable()
-    peaks = peaks_of([loops])[0] if stable else np.full(len(loops.laws), np.inf)
+    peaks = loops.peaks() if stable else np.full(len(loops.laws), np.inf)
     margins = []
     together = _together(loops)
     for a in range(len(loops.laws)):

@@ -26,7 +26,6 @@ from gantrysim.servo.stability.loops import (
     Loops,
     Margins,
     margins_of_loops,
-    peaks_of,
 )
 from gantrysim.servo.stability.motion import Drives, LinearSystem, Motion, UnknownLoopError
 
@@ -380,13 +379,10 @@ def sensitivities(plants: Sequence[Plant], servo: LinearLaw) -> Floats:
     """Return the peak of |S| of each axis on each of several plants, inf for an unstable loop, (plants, axes)."""
     law = UnheldLaws(servo.period, servo.delay, servo.compensators(), servo.loop_drives)
     peaks = np.full((len(plants), plants[0].axes), np.inf)
-    together: dict[tuple[int, ...], dict[int, Loops]] = {}
     for number, plant in enumerate(plants):
         for loops in plant.loops(law):
             if loops.stable():
-                together.setdefault(loops.system.axes, {})[number] = loops
-    for axes, by_plant in together.items():
-        peaks[np.ix_(list(by_plant), axes)] = peaks_of(list(by_plant.values()))
+                peaks[number, loops.system.axes] = loops.peaks()
     return peaks
 
 

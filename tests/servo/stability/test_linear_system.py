@@ -48,3 +48,12 @@ def test_a_pole_has_no_value():
     one = np.ones((1, 1))
     with pytest.raises(ZeroDivisionError):
         transfer(np.ones(1, complex), one, (one, one), one)
+
+
+@pytest.mark.parametrize("states", [1, 2, 4, 7])
+def test_a_law_as_a_ratio_of_polynomials(states):
+    rng = np.random.default_rng(states)
+    law = Compensator(rng.normal(size=(states, states)), *rng.normal(size=(2, states)), float(rng.normal()))
+    numerator, denominator = law.polynomials
+    expected = [law.C @ np.linalg.solve(z * np.eye(states) - law.A, law.B) + law.D for z in Z]
+    assert np.polyval(numerator, Z) / np.polyval(denominator, Z) == pytest.approx(expected, rel=1e-9)
