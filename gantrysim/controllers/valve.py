@@ -13,7 +13,7 @@ closed, unless the program goes on to work with it, as one for a laser does.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal, NamedTuple
@@ -32,6 +32,8 @@ _STANDS = "S0"
 _SUCKS = "M4"
 _FAN = 106
 _BACKWARDS = 4
+# codes that take an S, by the word that sets the flow with them
+_WITH_S = {"S": {"M3", "M4"}, "M106": {"M106"}}
 _PIN = 42  # of printers' firmware, off at S0
 SPEED_CODES = frozenset({3, 4, _FAN})  # whose S is a speed
 # the output that an M code switches, and whether on
@@ -357,6 +359,29 @@ class Valve:
             remedy = f"; to let {them}, --set 'program.dispense={{{table}}}'" if on[0].startswith("M") else ""
             sentence += f" {codes} {verb} not switch it{remedy}."
         return sentence
+
+
+def unused_set_points(values: Mapping[str, Iterable[float]], valve: Valve) -> Iterator[str]:
+    """Yield notes on words of a program that state a flow, as a pump's speed, but do not set it.
+
+    An analogue output states one by any value. S does only where the codes with it open the valve, and it changes: a
+    spindle that runs at one speed tells nothing of the flow.
+
+    Args:
+        values: of the words.
+        valve: of the program.
+    """
+    opening = {code.split()[0] for code in valve.on}
+    for word, given in values.items():
+        stated = sorted({value for value in given if value})
+        with_valve = _WITH_S.get(word)
+        if not stated or (with_valve is not None and (len(stated) < 2 or opening.isdisjoint(with_valve))):
+            continue
+        extent = f"{stated[0]:g}" if len(stated) == 1 else f"{stated[0]:g} to {stated[-1]:g}"
+        yield (
+            f"{word} is {extent}, but sets no flow; --set 'program.flow_output=\"{word}\"' makes it the set point of "
+            "the flow, with dispenser.per_output."
+        )
 
 
 def _sucks_back(output: str, opens: Sequence[str]) -> bool:

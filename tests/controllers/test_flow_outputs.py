@@ -5,6 +5,7 @@ import pytest
 
 from gantrysim import InputError
 from gantrysim.controllers import fanuc
+from gantrysim.controllers.gcode import linuxcnc, slicer
 from gantrysim.controllers.trio.basic import Basic
 from gantrysim.controllers.trio.basic.program import InterpreterTime
 from gantrysim.controllers.valve import Dispense
@@ -165,3 +166,43 @@ def test_an_output_of_trio_that_is_not_the_one_of_the_flow_is_said_to_have_no_ef
         assert [note.partition(": set without effect")[0] for note in notes] == [unused]
     both = Basic(text=text.replace("AOUT(1)", "AOUT(0)"), flow_output="AOUT(0)")
     assert not any("set without effect" in note for note in both.notes)
+
+
+MOVES = "G90 G21\nG00 X0 Y0\n{first}\nG01 X20 F1200\n{second}\nG01 X60\n{last}\nG00 X0\nM02\n"
+
+
+@pytest.mark.parametrize(
+    ("controller", "first", "second", "last", "sentence"),
+    [
+        (linuxcnc.Program, "M3 S200", "S400.5", "M5", "S is 200 to 400.5, but sets no flow"),
+        (linuxcnc.Program, "M67 E1 Q2.5", "", "M67 E1 Q0", "M67 E1 is 2.5, but sets no flow"),
+        (linuxcnc.Program, "M62 P1\nM67 E0 Q2", "M68 E0 Q7", "M63 P1", "M67 E0 is 2 to 7, but sets no flow"),
+        (slicer.Program, "M106 S80", "M106 S255", "M107", "M106 is 80 to 255, but sets no flow"),
+        (fanuc.Program, "M03 S200", "S400", "M05", "S is 200 to 400, but sets no flow"),
+        (fanuc.Program, "#1132=250", "", "#1132=0", "#1132 is 250, but sets no flow"),
+        # one speed, and one of a spindle that is not the valve, tell nothing of the flow
+        (linuxcnc.Program, "M3 S200", "", "M5", ""),
+        (linuxcnc.Program, "M8 S200", "S400", "M9", ""),
+        (fanuc.Program, "M03 S200", "", "M05", ""),
+        (fanuc.Program, "M08 S200", "S400", "M09", ""),
+        (fanuc.Program, "", "", "", ""),
+    ],
+)
+def test_a_word_that_states_a_flow_and_sets_none_is_named(controller, first, second, last, sentence):
+    text = MOVES.format(first=first, second=second, last=last)
+    argument = "program" if controller is fanuc.Program else "text"
+    program = controller(**{argument: text})
+    found = [note for note in program.notes if "sets no flow" in note]
+    assert [note.partition(";")[0] for note in found] == ([sentence] if sentence else [])
+    if sentence:
+        word = sentence.partition(" is ")[0]
+        assert f"--set 'program.flow_output=\"{word}\"'" in found[0]
+        obeyed = controller(**{argument: text}, flow_output=word)
+        assert not [note for note in obeyed.notes if "sets no flow" in note]
+        largest = max(float(number) for number in sentence.partition(" is ")[2].partition(",")[0].split(" to "))
+        assert obeyed.setpoints(PERIOD).analogue.max() == largest
+
+
+def test_a_fan_beside_material_states_no_flow():
+    text = MOVES.format(first="M106 S80", second="M106 S255", last="M107").replace("X20 F", "X20 E1 F")
+    assert not [note for note in slicer.Program(text=text).notes if "sets no flow" in note]

@@ -26,7 +26,7 @@ from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, Pro
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding, Part, averaged_places, in_place, stretch
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.speeds import Stretches, with_feed_words, with_flow_words
-from gantrysim.controllers.valve import Dispense, Outputs, Valve
+from gantrysim.controllers.valve import Dispense, Outputs, Valve, unused_set_points
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.feet import assigned_progress
 from gantrysim.paths.pieces import Vector, vector
@@ -336,8 +336,14 @@ class Program(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         notes = notes_of(self.legs, self.requested, self.blend_time, self.acceleration)
-        _, valve = self._valve_motions
-        return notes if valve is None or valve.note is None else (valve.note, *notes)
+        legs, valve = self._valve_motions
+        if valve is None:
+            return notes
+        of_valve = [] if valve.note is None else [valve.note]
+        if not self.flow_output:
+            spindle = {leg.source.flow for leg in legs if leg.dispense}
+            of_valve += unused_set_points({"S": spindle, **self._motions.outputs}, valve)
+        return (*of_valve, *notes)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         """As the feed override on the operator's panel does: every F, and the feed of the dry run."""

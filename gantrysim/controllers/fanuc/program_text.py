@@ -5,6 +5,7 @@ Numbers are millimetres, or inches after G20, with or without a decimal point (c
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from gantrysim.controllers.valve import NUMBERED
 SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=COMMENT, key="feed")
 _ENDS_OR_CALLS = frozenset({2.0, 30.0, 98.0, 99.0})  # M codes that no motion waits for
 _OUTPUTS = range(1100, 1116)  # variables of the interface's output signals
+_NUMBERS = (1132, 1133)  # of numbers that it puts out
 _LENGTHS = set("XYZIJKQR")
 # codes that change what a mirror image or a turn refers to
 _PLAIN_ONLY = {"G17", "G18", "G19", "G28", "G30", "G52", "G54", "G55", "G56", "G57", "G58", "G59", "G92"}
@@ -56,10 +58,12 @@ class ProgramMotions(NamedTuple):
     Attributes:
         blocks: the motions.
         called_files: names of the files of subprograms that were called.
+        outputs: numbers that the interface put out, by their variables.
     """
 
     blocks: tuple[SourceBlock, ...]
     called_files: frozenset[str]
+    outputs: Mapping[str, Set[float]]
 
 
 def read(source: ProgramSource, state: ModalState, flow_output: str = "") -> ProgramMotions:
@@ -77,8 +81,11 @@ def read(source: ProgramSource, state: ModalState, flow_output: str = "") -> Pro
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     variable = int(flow_output[1:]) if flow_output.startswith("#") else 0
     blocks: list[SourceBlock] = []
+    outputs: dict[str, set[float]] = {f"#{number}": set() for number in _NUMBERS}
     for words in sequence.run():
         motions = _run(state, words, sequence.parameters)
+        for number in _NUMBERS:
+            outputs[f"#{number}"].add(sequence.parameters.numbered(number))
         if not motions and blocks and not _ENDS_OR_CALLS.issuperset(words.auxiliary):
             blocks[-1] = _halted(blocks[-1])
         blocks += (
@@ -95,7 +102,7 @@ def read(source: ProgramSource, state: ModalState, flow_output: str = "") -> Pro
             )
             for block in motions
         )
-    return ProgramMotions(tuple(blocks), sequence.called_files)
+    return ProgramMotions(tuple(blocks), sequence.called_files, outputs)
 
 
 def _halted(source: SourceBlock) -> SourceBlock:

@@ -29,7 +29,7 @@ from gantrysim.controllers.gcode.planned import PathPlan, plan
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.speeds import Stretches, with_feed_words, with_flow_words
-from gantrysim.controllers.valve import Dispense, Valve
+from gantrysim.controllers.valve import Dispense, Valve, unused_set_points
 from gantrysim.paths.track import Track
 from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks
 
@@ -416,6 +416,9 @@ class GCode(Controller):
             notes.append(f"Words without an effect on the path: {words}.")
         if self.program.valve.note:
             notes.append(self.program.valve.note)
+        # of a printer S is the power of a fan
+        if not self.feeds_material and not self.flow_output:
+            notes += unused_set_points(self.program.unused_set_points, self.program.valve)
         corners = self.plan.corners
         if corners.stops:
             notes.append(corners.note(self._remedy))

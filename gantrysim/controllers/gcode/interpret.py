@@ -8,8 +8,8 @@ to the table. From the table follows when the valve is open.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Set
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -108,6 +108,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         lost_relative=state.extruder.lost,
         halt_lines=frozenset(state.halt_lines),
         power_stops=state.power_stops,
+        unused_set_points=state.unused_set_points,
     )
 
 
@@ -133,6 +134,7 @@ class Interpreted:
         lost_relative: words E that were absolute after G90, though M83 had made E relative.
         halt_lines: lines at which the motion stops for a code that is no dwell.
         power_stops: moves before which it stops for their S.
+        unused_set_points: values of the words that might set the flow, but do not.
     """
 
     start: tuple[float, float, float]
@@ -152,6 +154,7 @@ class Interpreted:
     lost_relative: int = 0
     halt_lines: frozenset[int] = frozenset()
     power_stops: int = 0
+    unused_set_points: Mapping[str, Set[float]] = field(default_factory=dict)
 
     @property
     def feeds_material(self) -> bool:

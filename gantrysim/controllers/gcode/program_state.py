@@ -282,6 +282,7 @@ class ProgramState:
         outputs: that M codes switch.
         extruder: what E feeds.
         flow_value: set point of the flow.
+        unused_set_points: values of the words that might set the flow, but do not.
         spline_control: last control point of the cubic spline before, from its end, as x + iy; None after other moves.
         line: of the program's text, from 1.
         depth: of the calls of subroutines.
@@ -311,6 +312,7 @@ class ProgramState:
         self.motion = "G1" if setup.dialect.extrudes else "G0"
         self.outputs = Outputs(setup.dispense, has_pins=setup.dialect.extrudes)
         self.flow_value = 0.0
+        self.unused_set_points: dict[str, set[float]] = {}
         self.extruder = Extruder(setup.firmware, setup.pressure_advance)
         self.spline_control: complex | None = None
         self.cycle: CycleSeries | None = None
@@ -365,6 +367,7 @@ class ProgramState:
     def set_flow(self, word: str, value: float) -> bool:
         """Take the value of a word as the set point of the flow, if it is that; return whether it is."""
         if word != self.setup.flow_output:
+            self.unused_set_points.setdefault(word, set()).add(value)
             return False
         self.flow_value = value
         return True
