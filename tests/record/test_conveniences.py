@@ -30,6 +30,7 @@ def jobless(run):
     return run.replaced(job=None)
 
 
+@pytest.mark.first
 def test_verdict_and_budget_are_those_of_the_rooms_that_make_them(run):
     assert run.job.name == JOB
     assert run.verdict.content() == gs.Verdict.of(run.job, run).content()
