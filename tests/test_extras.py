@@ -12,6 +12,8 @@ from gantrysim.base.errors import InputError
 from gantrysim.base.extras import MissingPackageError, extra
 from gantrysim.job.loading import builtin_jobs
 
+from support.syntax import tree_of
+
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 IMPORTED = {"distributed": "dask", "pil": "pillow"}  # packages that are imported by another name
@@ -80,7 +82,7 @@ class Imports(ast.NodeVisitor):
 def imports_of(file):
     """The distributions that a file imports, with the extra that the import names."""
     visitor = Imports()
-    visitor.visit(ast.parse(file.read_text(encoding="utf-8")))
+    visitor.visit(tree_of(file.read_text(encoding="utf-8")))
     return {
         (distribution(package), name)
         for package, name in visitor.imported
@@ -113,7 +115,7 @@ def test_what_needs_an_extra_names_one_that_there_is_and_the_purpose_after_it():
         (file.name, node.args[0].value, ast.unparse(node.args[1]))
         for file in (ROOT / "gantrysim").rglob("*.py")
         if "extra(" in (text := file.read_text(encoding="utf-8"))
-        for node in ast.walk(ast.parse(text))
+        for node in ast.walk(tree_of(text))
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "extra"
     ]
     assert len(calls) > 8

@@ -2,10 +2,11 @@
 
 import ast
 from collections import Counter
-from functools import cache
 from pathlib import Path
 
 import pytest
+
+from support.syntax import tree_of
 
 PACKAGE = Path(__file__).parent.parent / "gantrysim"
 LONGEST_FUNCTION = 60  # lines without the docstring: a screen
@@ -42,12 +43,6 @@ CHANGING = {
     "study/tuning/search.py:MarginEdge",
     "study/tuning/search.py:_Runs",
 }
-
-
-@cache
-def tree_of(source):
-    """The syntax tree of a module, built once for all rules."""
-    return ast.parse(source)
 
 
 def unparsed(nodes):

@@ -18,6 +18,7 @@ from packaging.version import Version
 
 import gantrysim
 from gantrysim.job.loading import builtin_jobs
+from gantrysim.machine.machine import builtin_models
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -86,11 +87,12 @@ def contents(folder):
 @pytest.mark.parametrize(
     "words",
     [
-        ("check", "an225"),
-        # compiles all that a run needs, as nothing is kept for that folder
+        ("info", "machines"),
+        # compile all that a verdict and a run need, as nothing is kept for that folder
+        pytest.param(("check", "an225"), marks=pytest.mark.soak),
         pytest.param((*RUN, "--out", "out", *RESULTS_ALONE), marks=pytest.mark.soak),
     ],
-    ids=["check", "run"],
+    ids=["info", "check", "run"],
 )
 def test_wheel_and_sdist_install_the_same_package_which_works_on_a_job(archives, tmp_path, words):
     folder = installed(archives["sdist"], tmp_path / "sdist")
@@ -122,8 +124,10 @@ def test_wheel_and_sdist_install_the_same_package_which_works_on_a_job(archives,
         assert "Contour error: " in shown
         summary = json.loads((work / "out" / SUMMARY).read_text(encoding="utf-8"))
         assert summary["versions"]["gantrysim"] == gantrysim.__version__
-    else:
+    elif "check" in words:
         assert "an225: trio.MoveSpiral on xy, not simulated" in shown
+    else:
+        assert re.findall(r"^(\w+) +\w+ +-?\d", shown, flags=re.MULTILINE) == builtin_models()
 
 
 def test_the_metadata_name_python_and_packages(archives, tmp_path):

@@ -7,6 +7,8 @@ import pytest
 
 import gantrysim
 
+from support.syntax import tree_of
+
 PACKAGE = Path(gantrysim.__file__).parent
 MOST = 3  # reasons to use private parts
 # why uses stay, and which they are by file
@@ -139,7 +141,7 @@ def own_names(trees):
 @pytest.fixture(scope="module")
 def uses():
     """The uses of private parts in the package, as (line, text) by file."""
-    trees = {file.relative_to(PACKAGE): ast.parse(file.read_text(encoding="utf-8")) for file in PACKAGE.rglob("*.py")}
+    trees = {file.relative_to(PACKAGE): tree_of(file.read_text(encoding="utf-8")) for file in PACKAGE.rglob("*.py")}
     folders = {file.parent for file in trees}
     own = {folder: own_names(tree for file, tree in trees.items() if file.parent == folder) for folder in folders}
     found = {}

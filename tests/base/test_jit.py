@@ -15,6 +15,8 @@ import pytest
 import gantrysim
 from gantrysim.base.jit import UNCOMPILED, c_function, jit
 
+from support.soaked import suite_runs
+
 ROOT = Path(gantrysim.__file__).parent
 BASE = ("__init__.py", "errors.py", "jit.py", "progress.py")
 
@@ -121,7 +123,8 @@ def test_settings_that_decide_nothing_leave_the_cache_as_it_is(package):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "right"), [("2.0", "5.0", 16.0), ("FACTOR * value", "FACTOR / value", 2.0 / 3.0 + 1.0)]
+    ("old", "new", "right"),
+    suite_runs([("2.0", "5.0", 16.0), ("FACTOR * value", "FACTOR / value", 2.0 / 3.0 + 1.0)], 0),
 )
 def test_an_edited_helper_is_compiled_anew_where_numba_itself_keeps_the_old_one(package, tmp_path, old, new, right):
     numbas = f"""
@@ -169,7 +172,7 @@ DAMAGES = {
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("damage", suite_runs(list(DAMAGES), 0, 2))
 def test_what_is_damaged_is_compiled_anew_and_written(package, damage):
     package.ask()
     for ending in (".nbi", ".nbc"):
@@ -249,7 +252,7 @@ def test_a_folder_that_others_may_write_is_not_used(package, give):
     assert sorted(package.cache.rglob("*")) == before
 
 
-@pytest.mark.parametrize("named", ["cache", "./cache", "~/cache"])
+@pytest.mark.parametrize("named", suite_runs(["cache", "./cache", "~/cache"], 0, 2))
 def test_a_folder_is_never_named_from_the_working_folder(package, named):
     assert package.ask(NUMBA_CACHE_DIR=named) == (7.0, 2)
     assert package.ask(NUMBA_CACHE_DIR=str(package.work / "cache")) == (7.0, 2)
@@ -340,7 +343,7 @@ def _command(folder, *words, **environment):
     return subprocess.run(command, cwd=folder, env={**os.environ, **environment}, capture_output=True, text=True)
 
 
-@pytest.mark.parametrize("settings", ["cache_dir: planted", "disable_jit: 1", "[", ""])
+@pytest.mark.parametrize("settings", suite_runs(["cache_dir: planted", "disable_jit: 1", "[", ""], 0, 3))
 def test_numbas_settings_in_a_strangers_folder_are_refused(tmp_path, settings):
     """They could name a folder of machine code there, which would be run."""
     (tmp_path / ".numba_config.yaml").write_text(settings)
@@ -350,7 +353,7 @@ def test_numbas_settings_in_a_strangers_folder_are_refused(tmp_path, settings):
     assert [file.name for file in tmp_path.iterdir()] == [".numba_config.yaml"]
 
 
-@pytest.mark.parametrize("words", COMMANDS)
+@pytest.mark.parametrize("words", suite_runs([(words,) for words in COMMANDS], 0))
 def test_a_command_without_compilation_ends_with_a_line(tmp_path, words):
     done = _command(tmp_path, *words, NUMBA_DISABLE_JIT="1")
     assert (done.returncode, done.stdout) == (2, "")

@@ -9,7 +9,10 @@ import pytest
 
 from gantrysim.cli import terminal
 
+from support.studies import SHORT
+
 ASCII = {"PYTHONIOENCODING": "ascii", "LC_ALL": "C", "COLUMNS": "100"}
+SETTINGS = [word for setting in SHORT for word in ("--set", setting)]
 PROGRAM = "G21 G90\nF6000 G1 X10\nX20\nM2\n"
 
 
@@ -29,7 +32,7 @@ def command(*arguments, cwd, **environment):
     [
         pytest.param(("info",), marks=pytest.mark.soak),
         pytest.param(("check", "an225"), marks=pytest.mark.soak),
-        ("run", "an225", "--no-video", "--no-report", "--no-causes", "--no-improve", "-v", "--set", "turns=1"),
+        ("run", "an225", "--no-video", "--no-report", "--no-causes", "--no-improve", "-v", *SETTINGS),
     ],
     ids=["info", "check", "run"],
 )

@@ -40,7 +40,7 @@ def names(folder):
             (">&- 2>&- <&-", (), ALL),
             (">&- 2>&- <&-", ("--no-report",), RECORDED),
         ],
-        0,
+        # the first lines alone of what is printed are read below, too
         4,
     ),
 )

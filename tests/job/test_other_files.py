@@ -3,7 +3,6 @@
 import io
 import json
 import os
-import subprocess
 import sys
 import zipfile
 from pathlib import Path
@@ -31,7 +30,7 @@ PROGRAMS = {
     "open.bas": f'OPEN #40 AS "{SECRET}" FOR INPUT(0)\nINCLUDE "{SECRET}"\nRUN "{SECRET}"\n',
     "load.prg": f'Program\nLoad "{SECRET}"\nOpen "{SECRET}" Mode "r" As #1\nEnd Program\n',
 }
-# a process of its own, as a hook cannot be taken away: it loads every file twice, for what Python itself opens once
+# a fresh process, as a hook cannot be taken away: it loads every file twice, for what Python itself opens once
 SCRIPT = """
 import json, sys
 from gantrysim import InputError, Job
@@ -70,13 +69,13 @@ def dxf():
     return text.getvalue()
 
 
-def test_programs_and_drawings_open_no_other_file(tmp_path):
+def test_programs_and_drawings_open_no_other_file(fresh, tmp_path):
     for name, text in {**PROGRAMS, "xref.dxf": dxf()}.items():
         (tmp_path / name).write_text(text)
     files = sorted(map(str, tmp_path.iterdir()))
-    done = subprocess.run([sys.executable, "-c", SCRIPT, *files], capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    for file, seen in json.loads(done.stdout.splitlines()[-1]).items():
+    done = fresh.run(SCRIPT, tmp_path, *files)
+    assert done.status == 0, done.error
+    for file, seen in json.loads(done.output.splitlines()[-1]).items():
         assert {event for event, path in seen if path == file} == {"open"}, file  # sub.ngc calls itself
         # files of Python and of the built-in machines, and what says how much memory there is
         own = (sys.prefix, str(MODELS), "/proc/", "/sys/")

@@ -3,7 +3,6 @@
 import os
 import pickle
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -128,11 +127,11 @@ assert not [name for name in sys.modules if "mine" in name or "gantrysim_code" i
 """
 
 
-def test_a_record_loads_in_a_fresh_process_without_the_code(folder):
+def test_a_record_loads_in_a_fresh_process_without_the_code(fresh, folder):
     run = saved(folder / "run", job_of(folder))
     (folder / "mine.py").write_text("raise SystemExit('code has run')")
-    text = subprocess.run([sys.executable, "-c", FRESH, run], check=True, capture_output=True, text=True).stdout
-    assert text.split() == ["68.0", "3", "True"]
+    done = fresh.run(FRESH, folder, run)
+    assert (done.status, done.output.split(), done.error) == (0, ["68.0", "3", "True"], "")
     (folder / "mine.py").unlink()
     assert SavedRun.load(run).run.requested.length == pytest.approx(68.0)
 

@@ -30,6 +30,7 @@ def jobless(run):
     return run.replaced(job=None)
 
 
+@pytest.mark.first
 def test_verdict_and_budget_are_those_of_the_rooms_that_make_them(run):
     assert run.job.name == JOB
     assert run.verdict.content() == gs.Verdict.of(run.job, run).content()
@@ -178,14 +179,14 @@ def test_the_film_is_of_the_job(run, monkeypatch):
     assert calls[1][1]["verdict"] is None
 
 
-def test_rooms_are_reached_from_the_package():
+def test_rooms_are_reached_from_the_package(fresh, tmp_path):
     code = (
         "import gantrysim as gs\n"
         "print(gs.controllers.trio.MoveSpiral.__name__, gs.study.SpeedStudy.__name__, gs.tuning.TuningStudy.__name__,\n"
         "    gs.plots.save_plots.__name__, gs.render.Film.__name__, gs.Setpoints.__name__, gs.SavedRun.__name__)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "MoveSpiral SpeedStudy TuningStudy save_plots Film Setpoints SavedRun\n"
+    shown = "MoveSpiral SpeedStudy TuningStudy save_plots Film Setpoints SavedRun\n"
+    assert fresh.run(code, tmp_path) == (0, shown, "")
 
 
 class Terminal(io.StringIO):

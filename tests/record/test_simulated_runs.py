@@ -3,8 +3,6 @@
 import json
 import pickle
 import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -123,7 +121,7 @@ def test_a_run_without_glue_is_judged_with_its_dispenser_on(xy):
     assert run.verdict["glue"].remark == "nothing was laid: no glue is requested"
 
 
-def test_simulating_imports_no_room_above(tmp_path):
+def test_simulating_imports_no_room_above(fresh, tmp_path):
     """What judges a run is imported where it is asked for."""
     code = (
         "import sys, gantrysim as gs\n"
@@ -132,5 +130,4 @@ def test_simulating_imports_no_room_above(tmp_path):
         "rooms = {n.split('.')[1] for n in sys.modules if n.startswith('gantrysim.')}\n"
         "print(rooms & {'job', 'results', 'report', 'render'})"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
-    assert done.stdout == "set()\n"
+    assert fresh.run(code, tmp_path) == (0, "set()\n", "")

@@ -1,13 +1,19 @@
 """The measured axis of docs/validation.md: the script that makes its table, and the table where the data are."""
 
+import contextlib
+import io
 import os
 import re
 import runpy
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gantrysim.cli.main import main
+
+from support.blank_pictures import save_blank
 from support.doc_pages import ROOT, read_pages
 
 SCRIPT = runpy.run_path(str(ROOT / "scripts" / "real_axis.py"))
@@ -57,11 +63,24 @@ def test_replayed_machine_is_beside_the_equation_and_far_from_it_without_frictio
     assert frictionless[0] > 10 * own[0]
 
 
+def command_here(folder, *arguments):
+    """Run a command as the script does, but in this process; the test above starts one of its own."""
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()):
+        patch.chdir(folder)
+        patch.setattr(sys, "argv", ["gantrysim", *arguments])
+        patch.setattr("matplotlib.figure.Figure.savefig", save_blank)
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert not ended.value.code
+
+
 @pytest.fixture(scope="module")
 def measured_rows():
     if not DATA:
         pytest.skip("GANTRYSIM_REAL_DATA does not name the folder of the measurements")
-    return {(row.model, row.judged): row for row in SCRIPT["rows"](Path(DATA), fit=False)}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(SCRIPT["rows"].__globals__, "gantrysim", command_here)
+        return {(row.model, row.judged): row for row in SCRIPT["rows"](Path(DATA), fit=False)}
 
 
 def test_published_machine_follows_both_laps_as_the_equation_does(measured_rows):

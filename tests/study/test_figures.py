@@ -31,10 +31,12 @@ def batch():
     return gs.simulate_batch(machines, servo, SHORT.setpoints(servo.period), dispenser=gs.Dispenser(flow=200))
 
 
+@pytest.mark.first
 def test_the_figures_of_a_job_s_run_are_the_row_of_a_study(job):
     assert gs.figures(job.run(engine="loop")) == measure(Case.of(job))
 
 
+@pytest.mark.first
 def test_the_figures_of_a_perturbed_machine_are_those_of_a_study_s_case(job):
     off = gs.Perturbation(payload=1.0, friction={"x": 2.0})
     machine = job.built_machine.perturbed(off)

@@ -172,6 +172,7 @@ def test_a_servo_that_is_written_is_read_again(tmp_path):
     assert Job.load("softmc-arc", servo=tmp_path / "tuned.toml").built_servo == job.built_servo
 
 
+@pytest.mark.first
 @pytest.mark.parametrize("law", [["pid", "friction", "preview"], [FILE]], ids=["ladder", "user"])
 def test_the_environment_runs_its_episodes_with_the_job_s_law(law):
     def errors(own):

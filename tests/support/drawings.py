@@ -78,10 +78,13 @@ def sampled(path, spacing=0.02):
 
 
 def farthest(points, others):
-    """Largest distance of points from the polyline through others."""
+    """Largest distance of points from the polyline through others: of its chords at the four points nearest to each.
+
+    Of fewer chords it is not less.
+    """
     others = np.asarray(others, float)
     tree = cKDTree(others)
-    nearest = tree.query(points, k=min(12, len(others)))[1].reshape(len(points), -1)
+    nearest = tree.query(points, k=min(4, len(others)))[1].reshape(len(points), -1)
     best = np.full(len(points), np.inf)
     for k in nearest.T:
         for step in (-1, 1):
