@@ -119,7 +119,7 @@ class Curve:
 
 
 def _sums_of_products(vectors: Floats, others: Floats) -> Floats:
-    """Return the scalar products of vectors, (n, k), with others, (n,): of few axes faster than NumPy's sum of each."""
+    """Return the scalar products of vectors with others, both (n, k), as (n,): NumPy's own sums take longer."""
     products = vectors * others
     total = products[:, 0]
     for axis in range(1, products.shape[1]):
