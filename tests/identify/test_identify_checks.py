@@ -4,6 +4,7 @@ The logs are those of axes with other laws of friction, integrated by no code of
 """
 
 import math
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,8 +13,8 @@ import pytest
 
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
-from gantrysim.identify.checks.parameters import torque_balance
-from gantrysim.identify.checks.residual import explained_residual
+from gantrysim.identify.checks.parameters import _findings, torque_balance
+from gantrysim.identify.checks.residual import check_smoothing, explained_residual
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
@@ -278,3 +279,47 @@ def test_random_logs_are_never_confidently_wrong(record_property):
     record_property("attack", "identification: logs with seven friction laws, with and without a defect")
     record_property("tries", 180)
     record_property("refused", refused)
+
+
+def driven_mass(width, starts=(0,), inertia=2e-5):
+    """A mass under a white torque, its position smoothed over so many samples, as a fit has it."""
+    torque = np.random.default_rng(3).normal(0.0, 0.1, 4000)
+    # second differences of the position are the torque over the inertia
+    position = np.convolve(np.cumsum(np.cumsum(torque)), np.ones(width) / width, "same")
+    position *= PERIOD**2 / inertia
+    return SimpleNamespace(position=position, torque=torque, start=np.array([inertia]), starts=starts)
+
+
+@pytest.mark.parametrize(("width", "is_smooth"), [(1, False), (2, True), (5, True)])
+def test_a_position_that_lacks_the_fast_motion_of_its_torque_is_told(width, is_smooth):
+    doubt = check_smoothing(driven_mass(width), PERIOD)
+    assert doubt.deviations == {}
+    assert [finding.values for finding in doubt.findings] == [()] * is_smooth
+    if not is_smooth:
+        return
+    # a mean of two samples leaves the cosine of half the frequency, of five a fifth of the sum of its cosines
+    phase = 2 * np.pi * np.linspace(0.25, 0.45, 1001)
+    left = np.abs(sum(np.exp(1j * phase * k) for k in range(width))) / width
+    (share,) = re.findall(r"from 250 to 450 Hz the position has (\d+) % of", doubt.findings[0].reason)
+    assert int(share) == pytest.approx(100 * np.sqrt(np.mean(left**2)), abs=3)
+
+
+def test_a_log_without_fast_torque_shows_no_smoothing():
+    fit = driven_mass(5)
+    fit.torque = np.zeros(fit.torque.size)
+    assert check_smoothing(fit, PERIOD).findings == []
+
+
+@pytest.mark.parametrize(("predicted", "uneven", "named"), [(0.11, 0.005, []), (0.2, 0.005, [0]), (0.2, 0.09, [0, 1])])
+def test_friction_that_the_balance_sees_otherwise_is_told_with_both_sizes(predicted, uneven, named):
+    fit = SimpleNamespace(model=SimpleNamespace(coulomb=0.1), predicted=SimpleNamespace(coulomb=predicted))
+    found = _findings(fit, "the direction", uneven)
+    texts = [
+        f"gives a Coulomb friction of 0.1 N·m, the predictions {predicted:g} N·m: must agree within",
+        f"the friction differs with the direction by {uneven:g} N·m beside 0.1 N·m: must be within",
+    ]
+    assert len(found) == len(named)
+    for finding, k in zip(found, named, strict=True):
+        assert texts[k] in finding.reason
+        assert "static" in finding.values
+    assert ["coulomb" in finding.values for finding in found] == [k == 1 for k in named]
