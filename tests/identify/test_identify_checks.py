@@ -13,8 +13,11 @@ import pytest
 
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
+from gantrysim.identify.checks import judgement
+from gantrysim.identify.checks.finding import Doubt
 from gantrysim.identify.checks.parameters import _findings, torque_balance
 from gantrysim.identify.checks.residual import check_smoothing, explained_residual
+from gantrysim.identify.friction_terms import LOAD
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
@@ -22,6 +25,7 @@ from gantrysim.identify.output import content, values_table
 from gantrysim.identify.plan import excitation
 from gantrysim.identify.plots import draw_response
 from gantrysim.identify.prediction import error_variance
+from gantrysim.identify.result import Estimate
 from gantrysim.identify.whole_run import fitted_machine
 from gantrysim.record.setpoints import Setpoints
 
@@ -323,3 +327,35 @@ def test_friction_that_the_balance_sees_otherwise_is_told_with_both_sizes(predic
         assert texts[k] in finding.reason
         assert "static" in finding.values
     assert ["coulomb" in finding.values for finding in found] == [k == 1 for k in named]
+
+
+MODE = SimpleNamespace(excess=0.04, coulomb=0.1, share=0.3, stiffness=40.0, damping=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "names", "floors"),
+    [
+        # of a plain friction the delay, the offset and static friction alone are known no better than so
+        ((), ("share", "delay", "damping"), {"share": 0.0, "delay": 1.5e-5, "damping": 0.0}),
+        (("position",), ("share", "stiffness"), {"share": 0.009, "stiffness": 0.8}),
+        ((LOAD,), ("share", "damping"), {"share": 0.009, "damping": 3e-4}),
+        # a backlash hides the mode and the delay
+        (
+            (LOAD,),
+            ("share", "stiffness", "gap", "delay"),
+            {"share": 0.015, "stiffness": 1.2, "gap": 0.0, "delay": 1e-4},
+        ),
+        ((), ("offset", "static"), {"offset": 1e-3, "static": math.hypot(0.012, 0.012)}),
+    ],
+)
+def test_no_log_undercuts_the_deviations_of_what_friction_or_a_backlash_hides(monkeypatch, kinds, names, floors):
+    """Beside the fit's own deviation of 3 %, and one of 4 % by a check: their root of squares."""
+    for name in ("check_residual", "check_segments", "check_balance"):
+        monkeypatch.setattr(judgement, name, lambda *_: Doubt({}, []))
+    monkeypatch.setattr(judgement, "check_counts", lambda *_: Doubt(dict.fromkeys(names, 0.04), []))
+    monkeypatch.setattr(judgement, "check_plausible", lambda *_: [])
+    estimates = {name: Estimate(1.0, 0.03) for name in names}
+    law = SimpleNamespace(terms=[SimpleNamespace(kind=kind) for kind in kinds])
+    judged = judgement.judged_fit(SimpleNamespace(model=MODE, law=law, estimates=estimates), PERIOD)
+    for name, floor in floors.items():
+        assert judged.estimates[name].deviation == pytest.approx(math.hypot(0.03, 0.04, floor), rel=1e-9)
