@@ -19,7 +19,7 @@ from gantrysim.compare.runs.differences import (
     differences_of,
     with_share,
 )
-from gantrysim.compare.runs.overlays import draw_limit_use
+from gantrysim.compare.runs.overlays import draw_compared_budgets, draw_compared_causes, draw_limit_use
 from gantrysim.compare.runs.runs_page import _facts
 from gantrysim.results.checks import FAIL, Check, Row
 
@@ -275,3 +275,17 @@ def test_the_page_begins_with_the_error_of_each_run_and_the_difference_at_the_sa
     assert both[1:] == ("2.1 µm rms", "max 5.7 µm, over 123.4 mm of path")
     three = facts(["a", "b", "c"], [part, None, part], [None, apart, SimpleNamespace(length=0.0)])
     assert [fact[0] for fact in three] == ["Contour error, a", "Contour error, c", "b less a"]
+
+
+def test_bars_of_causes_and_links_are_in_micrometres_and_empty_where_a_run_has_none():
+    causes = {"friction": [0.0031, None], "counts": [None, -0.0004]}
+    compared = SimpleNamespace(names=("a", "b"), causes=causes)
+    axes = draw_compared_causes(Figure(), compared)
+    assert [[bar.get_width() for bar in bars] for bars in axes.containers] == [
+        pytest.approx([3.1, 0.0]),
+        pytest.approx([0.0, -0.4]),
+    ]
+    assert [text.get_text() for text in axes.texts] == ["3.10", "–", "–", "−0.40"]
+    part = SimpleNamespace(rms=0.0025)
+    axes = draw_compared_budgets(Figure(), SimpleNamespace(names=("a", "b"), budgets={"servo": [part, None]}))
+    assert [bars[0].get_width() for bars in axes.containers] == pytest.approx([2.5, 0.0])
