@@ -708,3 +708,13 @@ def test_options_that_contradict_are_refused_before_anything_runs(
     (tmp_path / "bad.toml").write_text("name = \n")
     assert gantrysim_command(*words) == (2, "", f"error: {error}\n")
     assert {file.name for file in tmp_path.iterdir()} == {"own.toml", "bad.toml"}
+
+
+@pytest.mark.parametrize("error", [ValueError("MUJOCO_GL"), OSError("MUJOCO_GL: foo")])
+def test_an_error_of_another_kind_that_names_the_variable_keeps_its_traceback(capsys, error):
+    last_words(type(error), error, None)
+    assert capsys.readouterr().err == f"{type(error).__name__}: {error}\n"
+    invalid = RuntimeError("invalid value for environment variable MUJOCO_GL: foo")
+    with pytest.raises(SystemExit, match="2"):
+        last_words(RuntimeError, invalid, None)
+    assert capsys.readouterr().err == "error: MUJOCO_GL = foo: must be egl, osmesa, off or unset\n"

@@ -5,6 +5,7 @@ from collections import Counter
 from copy import deepcopy
 
 import pytest
+from rich.table import Table
 
 from gantrysim import Job, causes_of
 from gantrysim.cli import terminal
@@ -150,3 +151,17 @@ def test_a_column_that_does_not_wrap_is_as_wide_as_its_longest_line(printed):
     table.add_row("x", "one two three", "-150 to 150 mm")
     for width in (20, 30, 80):
         assert "-150 to 150 mm" in printed(table, width)
+
+
+@pytest.mark.parametrize(
+    ("spare", "widths"),
+    [(0, [1, 2, 3]), (6, [3, 4, 5]), (16, [5, 7, 10]), (17, [5, 7, 11]), (200, [None, None, None]), (-5, [1, 2, 3])],
+)
+def test_spare_characters_go_to_the_columns_that_need_least_and_the_rest_to_the_others(spare, widths):
+    """Columns that lack 4, 5 and 97 characters: what the first two leave is the third's."""
+    table = Table()
+    for least in (1, 2, 3):
+        table.add_column("", min_width=least)
+    table.add_row("x" * 5, "x" * 7, "x" * 100)
+    terminal._widen_columns(table, spare)
+    assert [column.width for column in table.columns] == widths

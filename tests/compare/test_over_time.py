@@ -1,6 +1,8 @@
 """Following error and torque of each axis over time, beside a machine without friction."""
 
 import json
+import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from gantrysim import InputError, Job, Machine, Perturbation
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Assignment, Trace
-from gantrysim.compare.over_time import frictionless_run
+from gantrysim.compare.over_time import axis_differences, frictionless_run
 from gantrysim.compare.page import headline
 from gantrysim.machine.ideal import frictionless_machine
 from gantrysim.tables.column_table import ColumnTable
@@ -166,3 +168,47 @@ def test_a_record_of_other_axes_is_refused(run):
     other = Job.load("fanuc-conical").follow()
     with pytest.raises(InputError, match="must be those of the run, x, y"):
         Trace.of_run(other, run)
+
+
+def fields_of_run(**values):
+    """What `frictionless_run` reads of a record before it simulates."""
+    return SimpleNamespace(**{"injected": (), "fault": None} | values)
+
+
+def test_a_run_with_deliberate_faults_or_a_contrast_that_ends_early_is_no_contrast(job, run, monkeypatch):
+    with pytest.raises(InputError, match=r"^it has deliberate faults$"):
+        frictionless_run(fields_of_run(injected=("slip",)), job.built_machine, job.built_servo)
+    monkeypatch.setattr(
+        "gantrysim.compare.over_time.simulate", lambda *_, **__: fields_of_run(fault="following error of x")
+    )
+    with pytest.raises(InputError, match=r"^it ends in a fault: following error of x$"):
+        frictionless_run(run, job.built_machine, job.built_servo)
+
+
+def test_torques_and_errors_are_compared_where_they_are_measured():
+    """Of three samples the second is missing: rms and largest of 3 and 4, differences of 1 and 2, of 3 and 4."""
+    values = np.array([[3.0], [np.nan], [-4.0]])
+    rest = np.zeros((3, 1))
+
+    def record(following, torque):
+        return SimpleNamespace(axes=("x",), units=("mm",), commanded=following, encoder=rest, demanded=torque)
+
+    trace = SimpleNamespace(axes={"commanded": values, "encoder": rest}, torques={"demanded": values})
+    simulated = np.array([[2.0], [9.0], [-2.0]])
+    found = axis_differences(trace, record(values, values), record(simulated, simulated), record(rest, rest))
+    assert [(row.axis, row.quantity, row.unit) for row in found] == [
+        ("x", "following error", "µm"),
+        ("x", "torque", "mN·m"),
+    ]
+    for row in found:
+        for size, expected in (
+            (row.measured, (3.0, 4.0)),
+            (row.simulated, (2.0, 2.0)),
+            (row.difference, (1.0, 2.0)),
+            (row.frictionless, (3.0, 4.0)),
+        ):
+            assert size.rms == pytest.approx(math.hypot(*expected) / math.sqrt(2))
+            assert size.max == pytest.approx(max(expected))
+    # what is not measured is not compared
+    trace = SimpleNamespace(axes={"commanded": values, "encoder": np.full((3, 1), np.nan)}, torques={})
+    assert axis_differences(trace, record(values, values), record(simulated, simulated), None) == []

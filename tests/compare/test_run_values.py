@@ -19,7 +19,8 @@ from gantrysim.compare.runs.differences import (
     differences_of,
     with_share,
 )
-from gantrysim.compare.runs.overlays import draw_limit_use
+from gantrysim.compare.runs.overlays import draw_compared_budgets, draw_compared_causes, draw_limit_use
+from gantrysim.compare.runs.runs_page import _facts
 from gantrysim.results.checks import FAIL, Check, Row
 
 from support.compared import TEXT, circle_job, recorded
@@ -251,3 +252,40 @@ def test_bars_of_a_limit_s_use_are_cut_beyond_two_and_a_half_limits_and_keep_the
     assert [bars[0].get_width() for bars in axes.containers] == pytest.approx([50, 240, 250])
     assert [text.get_text() for text in axes.texts] == ["50", "240", "900"]
     assert 100 in [line.get_xdata()[0] for line in axes.lines]
+
+
+def test_the_page_begins_with_the_error_of_each_run_and_the_difference_at_the_same_place():
+    """Of runs that end in a fault before glue, and of paths that are nowhere the same, there is none."""
+    verdict = SimpleNamespace(headline="pass")
+
+    def facts(names, parts, apart):
+        verdicts = [verdict] * len(names)
+        compared = SimpleNamespace(names=names, verdicts=verdicts, budgets={"contour": parts}, apart=apart, runs=names)
+        return [tuple(text.replace("\xa0", " ") for text in fact) for fact in _facts(compared)]
+
+    part = SimpleNamespace(rms=0.00123, max=0.00456)
+    apart = SimpleNamespace(rms=0.0021, max=0.0057, length=123.4)
+    (first, second, both) = facts(["a", "b"], [part, part], [None, apart])
+    assert (first[0], second[0], both[0]) == (
+        "Contour error, a",
+        "Contour error, b",
+        "Difference at the same place",
+    )
+    assert first[1:] == ("1.2 µm rms", "max 4.6 µm; pass")
+    assert both[1:] == ("2.1 µm rms", "max 5.7 µm, over 123.4 mm of path")
+    three = facts(["a", "b", "c"], [part, None, part], [None, apart, SimpleNamespace(length=0.0)])
+    assert [fact[0] for fact in three] == ["Contour error, a", "Contour error, c", "b less a"]
+
+
+def test_bars_of_causes_and_links_are_in_micrometres_and_empty_where_a_run_has_none():
+    causes = {"friction": [0.0031, None], "counts": [None, -0.0004]}
+    compared = SimpleNamespace(names=("a", "b"), causes=causes)
+    axes = draw_compared_causes(Figure(), compared)
+    assert [[bar.get_width() for bar in bars] for bars in axes.containers] == [
+        pytest.approx([3.1, 0.0]),
+        pytest.approx([0.0, -0.4]),
+    ]
+    assert [text.get_text() for text in axes.texts] == ["3.10", "–", "–", "−0.40"]
+    part = SimpleNamespace(rms=0.0025)
+    axes = draw_compared_budgets(Figure(), SimpleNamespace(names=("a", "b"), budgets={"servo": [part, None]}))
+    assert [bars[0].get_width() for bars in axes.containers] == pytest.approx([2.5, 0.0])

@@ -429,3 +429,18 @@ def test_a_tolerance_of_corners_is_greater_than_zero(tolerance):
 @pytest.mark.parametrize(("before", "height"), [("", 20.0), ("G28.1\n", 0.0), ("G0 Z20\nG28.1\nG0 Z5\n", 20.0)])
 def test_g28_goes_down_only_to_a_stored_height(before, height):
     assert ends(f"{before}G1 F600 X50\nG0 Z20\nG28")[-1] == [0, 0, height]
+
+
+@pytest.mark.parametrize(
+    ("saves", "after"),
+    [
+        # saved alone, nothing comes back by itself
+        ("M70 G91\nG0 X1", (4, 0, 0)),
+        ("M73 G91\nG0 X1", (3, 0, 0)),
+        # what is invalidated does not come back, and that is no error
+        ("M73 G91\nM71\nG0 X1", (4, 0, 0)),
+    ],
+)
+def test_modes_come_back_at_the_end_of_a_subroutine_where_they_are_saved_for_that(saves, after):
+    text = f"o1 sub\n{saves}\no1 endsub\no1 call\nG0 X3"
+    assert ends(text) == [[1.0, 0.0, 0.0], list(map(float, after))]

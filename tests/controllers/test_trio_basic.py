@@ -495,3 +495,38 @@ def test_a_program_that_has_run_is_freed_with_the_last_that_holds_it():
         assert state() is None
     finally:
         gc.enable()
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("1 OR 2 AND 0", 1),
+        ("0 AND 2 OR 1", 1),
+        ("1 OR 3 XOR 2", 1),
+        ("3 XOR 2 OR 2", 3),
+        ("7 XOR 2 AND 1", 7),
+        ("1 OR 2 = 2", -1),
+        ("4 AND 2 + 2", 4),
+    ],
+)
+def test_logical_operators_bind_less_than_all_others_and_and_more_than_or(expression, value):
+    """OR and XOR are of one rank, from the left: (1 OR 3) XOR 2 = 1; TRUE is -1."""
+    assert printed(f"PRINT {expression}[0]") == [str(value)]
+
+
+@pytest.mark.parametrize("kept", [30, 45, 100])
+def test_lines_beyond_the_log_are_counted(monkeypatch, kept):
+    """All lines that are not shown, whether the log keeps them or not."""
+    monkeypatch.setattr("gantrysim.controllers.trio.basic.process.MOST_PRINTED", kept)
+    program = basic("FOR i=1 TO 60\nPRINT i[0]\nNEXT i")
+    assert len(program.printed) == min(kept, 60)
+    shown = sum(note.startswith("PRINT at ") for note in program.notes)
+    assert f"PRINT: {60 - shown} more lines" in program.notes
+
+
+def test_more_moves_than_can_be_held_are_refused(monkeypatch):
+    monkeypatch.setattr("gantrysim.controllers.trio.basic.buffers.MOST_MOVES", 4)
+    text = "BASE(0,1)\nFOR i=1 TO {count}\nMOVECIRC(10,10,0,10,0)\nNEXT i\nWAIT IDLE"
+    assert printed(text.format(count=4)) == []
+    with pytest.raises(InputError, match="line 3: more than 4 moves are run: must be fewer"):
+        printed(text.format(count=5))

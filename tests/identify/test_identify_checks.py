@@ -4,6 +4,7 @@ The logs are those of axes with other laws of friction, integrated by no code of
 """
 
 import math
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,8 +13,11 @@ import pytest
 
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
-from gantrysim.identify.checks.parameters import torque_balance
-from gantrysim.identify.checks.residual import explained_residual
+from gantrysim.identify.checks import judgement
+from gantrysim.identify.checks.finding import Doubt
+from gantrysim.identify.checks.parameters import _findings, torque_balance
+from gantrysim.identify.checks.residual import check_smoothing, explained_residual
+from gantrysim.identify.friction_terms import LOAD
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
@@ -21,6 +25,7 @@ from gantrysim.identify.output import content, values_table
 from gantrysim.identify.plan import excitation
 from gantrysim.identify.plots import draw_response
 from gantrysim.identify.prediction import error_variance
+from gantrysim.identify.result import Estimate
 from gantrysim.identify.whole_run import fitted_machine
 from gantrysim.record.setpoints import Setpoints
 
@@ -278,3 +283,79 @@ def test_random_logs_are_never_confidently_wrong(record_property):
     record_property("attack", "identification: logs with seven friction laws, with and without a defect")
     record_property("tries", 180)
     record_property("refused", refused)
+
+
+def driven_mass(width, starts=(0,), inertia=2e-5):
+    """A mass under a white torque, its position smoothed over so many samples, as a fit has it."""
+    torque = np.random.default_rng(3).normal(0.0, 0.1, 4000)
+    # second differences of the position are the torque over the inertia
+    position = np.convolve(np.cumsum(np.cumsum(torque)), np.ones(width) / width, "same")
+    position *= PERIOD**2 / inertia
+    return SimpleNamespace(position=position, torque=torque, start=np.array([inertia]), starts=starts)
+
+
+@pytest.mark.parametrize(("width", "is_smooth"), [(1, False), (2, True), (5, True)])
+def test_a_position_that_lacks_the_fast_motion_of_its_torque_is_told(width, is_smooth):
+    doubt = check_smoothing(driven_mass(width), PERIOD)
+    assert doubt.deviations == {}
+    assert [finding.values for finding in doubt.findings] == [()] * is_smooth
+    if not is_smooth:
+        return
+    # a mean of two samples leaves the cosine of half the frequency, of five a fifth of the sum of its cosines
+    phase = 2 * np.pi * np.linspace(0.25, 0.45, 1001)
+    left = np.abs(sum(np.exp(1j * phase * k) for k in range(width))) / width
+    (share,) = re.findall(r"from 250 to 450 Hz the position has (\d+) % of", doubt.findings[0].reason)
+    assert int(share) == pytest.approx(100 * np.sqrt(np.mean(left**2)), abs=3)
+
+
+def test_a_log_without_fast_torque_shows_no_smoothing():
+    fit = driven_mass(5)
+    fit.torque = np.zeros(fit.torque.size)
+    assert check_smoothing(fit, PERIOD).findings == []
+
+
+@pytest.mark.parametrize(("predicted", "uneven", "named"), [(0.11, 0.005, []), (0.2, 0.005, [0]), (0.2, 0.09, [0, 1])])
+def test_friction_that_the_balance_sees_otherwise_is_told_with_both_sizes(predicted, uneven, named):
+    fit = SimpleNamespace(model=SimpleNamespace(coulomb=0.1), predicted=SimpleNamespace(coulomb=predicted))
+    found = _findings(fit, "the direction", uneven)
+    texts = [
+        f"gives a Coulomb friction of 0.1 N·m, the predictions {predicted:g} N·m: must agree within",
+        f"the friction differs with the direction by {uneven:g} N·m beside 0.1 N·m: must be within",
+    ]
+    assert len(found) == len(named)
+    for finding, k in zip(found, named, strict=True):
+        assert texts[k] in finding.reason
+        assert "static" in finding.values
+    assert ["coulomb" in finding.values for finding in found] == [k == 1 for k in named]
+
+
+MODE = SimpleNamespace(excess=0.04, coulomb=0.1, share=0.3, stiffness=40.0, damping=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "names", "floors"),
+    [
+        # of a plain friction the delay, the offset and static friction alone are known no better than so
+        ((), ("share", "delay", "damping"), {"share": 0.0, "delay": 1.5e-5, "damping": 0.0}),
+        (("position",), ("share", "stiffness"), {"share": 0.009, "stiffness": 0.8}),
+        ((LOAD,), ("share", "damping"), {"share": 0.009, "damping": 3e-4}),
+        # a backlash hides the mode and the delay
+        (
+            (LOAD,),
+            ("share", "stiffness", "gap", "delay"),
+            {"share": 0.015, "stiffness": 1.2, "gap": 0.0, "delay": 1e-4},
+        ),
+        ((), ("offset", "static"), {"offset": 1e-3, "static": math.hypot(0.012, 0.012)}),
+    ],
+)
+def test_no_log_undercuts_the_deviations_of_what_friction_or_a_backlash_hides(monkeypatch, kinds, names, floors):
+    """Beside the fit's own deviation of 3 %, and one of 4 % by a check: their root of squares."""
+    for name in ("check_residual", "check_segments", "check_balance"):
+        monkeypatch.setattr(judgement, name, lambda *_: Doubt({}, []))
+    monkeypatch.setattr(judgement, "check_counts", lambda *_: Doubt(dict.fromkeys(names, 0.04), []))
+    monkeypatch.setattr(judgement, "check_plausible", lambda *_: [])
+    estimates = {name: Estimate(1.0, 0.03) for name in names}
+    law = SimpleNamespace(terms=[SimpleNamespace(kind=kind) for kind in kinds])
+    judged = judgement.judged_fit(SimpleNamespace(model=MODE, law=law, estimates=estimates), PERIOD)
+    for name, floor in floors.items():
+        assert judged.estimates[name].deviation == pytest.approx(math.hypot(0.03, 0.04, floor), rel=1e-9)

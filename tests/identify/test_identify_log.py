@@ -11,7 +11,7 @@ from scipy.io import savemat
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.exchange.tables import export
-from gantrysim.identify.log import Log, Rows, read_log
+from gantrysim.identify.log import Log, Rows, _agreement, read_log
 
 from support.soaked import examples
 
@@ -404,3 +404,28 @@ def test_a_log_in_pieces_is_read_as_it_was_saved(tmp_path):
     again = read_log(tmp_path / "log.csv", MACHINE)
     assert again.starts == (0, 90)
     assert np.allclose(again.position, log.position, rtol=1e-8)
+
+
+def test_torque_of_one_axis_and_demand_of_another_do_not_go_together(tmp_path):
+    k = np.arange(N)
+    heads = ("time", "x torque", "x position", "y demand", "y position")
+    log = written(tmp_path, heads, 1e-3 * k, *(np.sin(0.1 * k + n) for n in range(4)))
+    with pytest.raises(InputError, match="has the torque of some axes and the demand of others: y has no torque"):
+        read_log(log, MACHINE)
+
+
+def test_a_velocity_agrees_by_the_changes_of_windows_of_both():
+    """Twice the true speed has changes twice as large; one that is never along the position has no size."""
+    k = np.arange(2000)
+    position = np.sin(0.01 * k)
+    speed = 0.01 * np.cos(0.01 * k) / 1e-3
+    double = _agreement(position, 2 * speed, (0,), 1e-3)
+    assert double.size == pytest.approx(2.0, rel=1e-3)
+    assert double.correlation == pytest.approx(1.0, abs=1e-3)
+    opposed = _agreement(position, -speed, (0,), 1e-3)
+    assert (opposed.size, opposed.correlation) == (pytest.approx(-1, rel=1e-3), pytest.approx(-1, abs=1e-3))
+    assert _agreement(position[:10], speed[:10], (0,), 1e-3) is None
+    assert _agreement(np.zeros(2000), np.zeros(2000), (0,), 1e-3) is None
+    still = _agreement(np.zeros(2000), speed, (0,), 1e-3)
+    assert math.isnan(still.size)
+    assert still.correlation == 0

@@ -1,11 +1,12 @@
 """Logs as real machines give them: that begin in motion, lack rows, or rub more in one direction."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from gantrysim.identify.friction_law import chosen_terms
+from gantrysim.identify.friction_law import _course, chosen_terms
 from gantrysim.identify.friction_terms import COGGING, DIRECTION, LOAD, POSITION
 from gantrysim.identify.identification import identify
 from gantrysim.identify.model import model_of
@@ -174,3 +175,23 @@ def test_a_log_without_braking_shows_no_friction_by_load():
     terms, solution, _ = chosen_terms(regression, 5.0)
     assert LOAD not in [term.kind for term in terms]
     assert solution.values[NAMES.index("coulomb")] == pytest.approx(0.02, rel=0.1)
+
+
+def test_torque_that_turns_with_the_motion_is_a_level_of_friction_and_all_other_a_ripple():
+    """A wave of two columns that keeps its sign, and a level of one; each with its own values."""
+    place = np.linspace(0.0, 10.0, 101)
+    motion = SimpleNamespace(position=place, calm=np.ones(101))
+
+    def term(kind, *shapes):
+        def words(values, covariance, *_):
+            return f"{kind} {values.tolist()} {covariance.shape}"
+
+        return SimpleNamespace(kind=kind, levels=lambda motion: shapes, words=words)
+
+    terms = (term(COGGING, np.sin(place), np.cos(place)), term(LOAD, place))
+    values = np.append(np.arange(len(NAMES), dtype=float), [0.3, 0.4, 2.0])
+    solution = SimpleNamespace(values=values, covariance=np.eye(values.size))
+    level, ripple, words = _course(SimpleNamespace(motion=motion), terms, solution, "mm")
+    np.testing.assert_allclose(level, 2.0 * place)
+    np.testing.assert_allclose(ripple, 0.3 * np.sin(place) + 0.4 * np.cos(place))
+    assert words == (f"{COGGING} [0.3, 0.4] (2, 2)", f"{LOAD} [2.0] (1, 1)")

@@ -1,14 +1,18 @@
 """Fitted values in a plot: each in percent of the machine's, with its interval, hollow where it is not identified."""
 
+from types import SimpleNamespace
+
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from gantrysim.identify.identification import IdentifiedValue
-from gantrysim.identify.plots import draw_values
+from gantrysim.identify.plots import Course, draw_course, draw_values
 from gantrysim.report.plots.style import sheet
 
 mpl.use("agg")
+COLUMNS = ("position", "predicted", "speed", "torque", "modelled", "friction", "residual")
 
 
 def test_values_and_intervals_are_in_percent_of_the_machine_s():
@@ -35,3 +39,26 @@ def test_values_and_intervals_are_in_percent_of_the_machine_s():
     low, high = axes.get_ylim()
     assert low > 2 > 0 > high
     assert [label.get_text().split(":")[0] for label in axes.get_yticklabels()] == ["x", "y", "y"]
+
+
+@pytest.mark.parametrize(("unit", "small"), [("mm", "µm"), ("deg", "mdeg")])
+def test_the_course_of_a_log_has_a_panel_and_a_unit_for_each_quantity(monkeypatch, unit, small):
+    """The residual in thousandths; of each line the samples of the log."""
+    time = np.linspace(0.0, 1.0, 50)
+    columns = {name: k + time**2 for k, name in enumerate(COLUMNS)}
+    monkeypatch.setattr(Course, "of", lambda fit, log: Course(time=time, **columns))
+    fit = SimpleNamespace(unit=unit, axis="y", starts=(0,))
+    panels = draw_course(Figure(), (fit, SimpleNamespace(axes=("x", "y"))))
+    assert [axes.get_ylabel() for axes in panels] == [
+        f"position [{unit}]",
+        f"speed [{unit}/s]",
+        "torque [N·m]",
+        f"residual [{small}]",
+    ]
+    drawn = [[line.get_ydata() for line in axes.get_lines()] for axes in panels]
+    expected = [("position", "predicted"), ("speed",), ("torque", "modelled"), ("residual",)]
+    for lines, names in zip(drawn, expected, strict=True):
+        for line, name in zip(lines, names, strict=True):
+            np.testing.assert_allclose(line, columns[name] * (1e3 if name == "residual" else 1.0))
+    assert panels[0].get_title("right") == "axis y"
+    assert panels[-1].get_xlabel() == "time of the log [s]"

@@ -88,3 +88,27 @@ def test_of_two_settings_the_better_has_less_burden_then_time_then_usage_of_its_
     ranks = [rank(setting) for setting in ascending]
     assert ranks == sorted(set(ranks))
     assert rank(outcome(2.0, 3.0)) == rank(outcome(2.0, 3.0, math.nan)) == (2.0, 3.0, 0.0)
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_the_lever_that_does_least_is_exchanged_and_all_others_stay(place):
+    factors = {"strong": 0.3, "middle": 0.5, "better": 0.4, "worse": 0.9}
+    order = ["strong", "middle"]
+    order.insert(place, "weak")
+    tried = combinations({**factors, "weak": 0.8})
+    picks = [Pick(lever(name), "") for name in order]
+    levers = [pick.lever for pick in picks] + [lever("better"), lever("worse")]
+    assert names(tried.with_exchange(picks, levers)) == {"strong", "middle", "better"}
+    assert tried.with_exchange(picks, [*levers[:3], lever("worse")]) is None
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_one_lever_takes_another_setting_and_all_others_stay(place):
+    """Of a lever with two settings, of which the second leaves less."""
+    twofold = Lever("twofold", "", "", ("path",), lambda state: [Setting("1", {"once": 1}), Setting("2", {"twice": 1})])
+    tried = combinations({"strong": 0.3, "middle": 0.5, "once": 0.8, "twice": 0.6})
+    picks = [Pick(lever("strong"), ""), Pick(lever("middle"), "")]
+    picks.insert(place, Pick(twofold, "1"))
+    better = tried.with_other_setting(picks)
+    assert {(pick.lever.name, pick.setting) for pick in better} == {("strong", ""), ("middle", ""), ("twofold", "2")}
+    assert tried.with_other_setting(better) is None

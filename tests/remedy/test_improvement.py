@@ -1,6 +1,7 @@
 """What the result of a search says, of verdicts and trials that are made up."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -8,11 +9,11 @@ import pytest
 from gantrysim import Verdict
 from gantrysim.job.job import Job
 from gantrysim.remedy.bounds import bound_of
-from gantrysim.remedy.improvement import Improvement
+from gantrysim.remedy.improvement import Improvement, _usages
 from gantrysim.remedy.lever import Lever, Skipped, Trial, gains_of
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.report import _values, change_section, remedy_of
-from gantrysim.results.checks import Check, Row
+from gantrysim.results.checks import FAIL, Check, Row
 
 from support.remedies import SIDES, lines_job
 
@@ -243,3 +244,30 @@ def test_the_section_has_a_row_for_the_job_as_it_is_and_one_for_each_lever():
     nothing = change_section(result_of())
     assert not nothing.table
     assert not nothing.code
+
+
+def test_facts_and_lines_of_the_result_tell_all_that_was_found():
+    after = outcome_of(0.5, 0.6, 0.5, duration=8.0)
+    found = replace(
+        result_of(after, combination=picked(after, "slower")), note="a note", fastest="the fastest is 3 mm/s"
+    )
+    facts = found.facts()
+    assert list(facts) == ["before", "after", "what to change", "note", "fastest"]
+    assert (facts["note"], facts["fastest"]) == ("a note", "the fastest is 3 mm/s")
+    lines = str(found).splitlines()
+    assert lines[0] == f"before: {BEFORE.verdict.headline}"
+    assert f"after: {after.verdict.headline}" in lines
+    assert "time: 10.00 → 8.00 s" in lines
+    assert lines.index("a note") > lines.index("the fastest is 3 mm/s")
+    # where nothing changes, there is no after
+    assert not any(line.startswith("after: ") for line in str(result_of()).splitlines())
+    assert set(result_of().facts()) == {"before", "after", "what to change"}
+
+
+def test_what_still_fails_without_a_value_is_left_to_its_remark():
+    rows = list(outcome_of(0.5, 0.6, 0.5).verdict.rows)
+    rows[1] = Row(rows[1].name, remark="unstable: axis x", state=FAIL)
+    after = Outcome(Verdict(tuple(rows)), 10.0)
+    assert result_of(after).by_hand == "unstable: axis x"
+    assert result_of(outcome_of(0.5, 0.9, 0.5)).by_hand == ""
+    assert _usages(after.verdict) == ["50 %", FAIL, "50 %"]

@@ -1,10 +1,12 @@
 """The cause that the headline names, for effects whose worth is given."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from gantrysim.job.causes import CAUSES, Causes, Effect
 from gantrysim.metrics.analysis import ErrorSpread
-from gantrysim.report.headline import cause_sentences, glue_cause_sentences, glue_sentences
+from gantrysim.report.headline import cause_sentences, glue_cause_sentences, glue_sentences, headline
 from gantrysim.results.checks import Check, Row
 from gantrysim.results.glue import THROUGH_GLUE
 from gantrysim.results.glue_causes import GLUE_CAUSES, GlueCauses, GlueEffect
@@ -134,3 +136,34 @@ def test_what_is_left_of_the_glue_is_told_by_runs_without_two_causes():
     rest = (GlueEffect(second, row(1.0)), GlueEffect(third, row(8.0)))
     (text,) = glue_cause_sentences(GlueCauses(row(20.0), effects, rest))
     assert text.endswith(f"without it 8.0 % are left, next {second.name} (7.0 %).")
+
+
+def row_of_glue(value):
+    check = Check(name="bead_width", quantity="bead too wide by", value=value, limit=10.0, unit="%", source="given")
+    return Row.of("glue", [check])
+
+
+def test_a_cause_of_the_glue_whose_run_failed_is_not_taken_for_worthless():
+    first, second, *_ = GLUE_CAUSES
+    effects = (GlueEffect(first, row_of_glue(5.0)), GlueEffect(second, None, "refused: too slow"))
+    main, unknown = glue_cause_sentences(GlueCauses(row_of_glue(20.0), effects))
+    assert main.replace("\xa0", " ").startswith(f"15.0 of 20.0 % due to {first.name}")
+    assert unknown == f"Not known: {second.name} (refused: too slow)."
+
+
+def test_glue_without_a_value_has_no_cause():
+    assert list(glue_cause_sentences(GlueCauses(Row("glue", remark="no bead"), ()))) == []
+
+
+def test_several_small_causes_of_what_is_left_are_named_where_their_sum_explains_less_than_half():
+    """Of 4 µm left without friction, 1 and 0.9 µm: each more than a tenth, together less than half."""
+    (text,) = sentences(friction=6.0, sampling=1.0, counts=0.9)
+    assert text.endswith(
+        "without it 4.0 µm are left by several causes together, alone sampling (1.0 µm) and counts (0.9 µm)."
+    )
+
+
+def test_a_row_without_a_value_is_told_by_its_remark():
+    rows = (Row("path"), Row("stability", remark="unstable: axis x", state="fail"))
+    verdict = SimpleNamespace(worst_row=rows[1], unjudged=False, disturbances=())
+    assert headline(SimpleNamespace(verdict=verdict)) == "Stability: unstable: axis x."

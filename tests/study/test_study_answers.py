@@ -11,7 +11,7 @@ from gantrysim.metrics import RepeatedPath
 from gantrysim.report.document import Section
 from gantrysim.report.drawn_page import write_page
 from gantrysim.study import CircleStudy, LawsStudy, LoopStudy, MachineStudy, RepeatStudy, SpeedStudy
-from gantrysim.study.acceptance import Acceptance, Scope, improve_command
+from gantrysim.study.acceptance import Acceptance, Criterion, Scope, improve_command
 from gantrysim.study.cases import ASPECTS
 from gantrysim.study.laws.report import laws_answer
 from gantrysim.study.laws.study import LADDER
@@ -407,3 +407,64 @@ def test_glue_is_worse_than_now_only_where_it_fails_by_more():
     # a limit that is kept is kept, however much of it is used
     assert passing.worsened(glue("warn", 95.0)) == []
     assert passing.worsened(glue("fail", 101.0)) == ["glue"]
+
+
+def speeds(**paths):
+    """The report of a search over speeds, in mm/s, with their largest contour errors."""
+    rows = []
+    for name, path in paths.items():
+        speed = float(name[1:])
+        row = {**verdict(path), "contour_rms_um": path, "program_rms_um": path} if path is not None else FAULT
+        rows.append({"speed_mm_s": speed, **row, "speed_mean_mm_s": speed, "duration_s": 1e3 / speed})
+    return SpeedStudy(Job.load("an225")).report(rows)
+
+
+def test_faster_speeds_that_keep_the_limits_again_are_named():
+    assert (
+        f"200 mm/s does not ({CONTOUR.format(88)}), though 250 mm/s does again."
+        in speeds(v50=20.0, v100=40.0, v200=88.0, v250=60.0).answer
+    )
+    several = speeds(v50=20.0, v100=40.0, v200=88.0, v250=60.0, v300=99.0, v400=50.0)
+    assert several.answer.endswith(", though 250, 400 mm/s do again.")
+    between = speeds(v50=20.0, v80=88.0, v100=40.0).answer
+    assert between == (
+        f"Keep the programmed speed: 100 mm/s keeps {WHOLE}, and the fastest speed tried that does is 100 mm/s; but "
+        f"slower is not always better: from 50 mm/s down every speed tried keeps {WHOLE}, 80 mm/s does not "
+        f"({CONTOUR.format(88)})."
+    )
+
+
+def test_every_speed_tried_and_one_that_ends_in_a_fault_are_told():
+    text = speeds(v100=40.0, v200=50.0).answer
+    assert text.endswith(f": every speed tried, from 100 to 200 mm/s, keeps {WHOLE}.")
+    assert text.startswith("Set program.speed = 200")
+    faulty = speeds(v50=20.0, v100=40.0, v200=None)
+    assert "200 mm/s does not (fault: following error on axis x)" in faulty.answer
+    rows = {row[0]: row for row in faulty.table.rows}
+    assert rows["next"][1:] == [200.0, None, FAULT["status"], None, None, None]
+    # the contour's own size is no part of it
+    assert rows["fastest"][1:] == [100.0, 50.0, "program", 40.0, 100.0, 10.0]
+    text = speeds(v50=None, v100=None).answer
+    assert text == "Not known: none of the 2 speeds tried gives a run with values: fault: following error on axis x."
+
+
+@pytest.mark.parametrize(
+    ("metric", "label"),
+    [
+        ("x_deviation_max_um", "largest x deviation"),
+        ("y_torque_rms_N·m", "rms y torque N·m"),
+        ("loop_std_um", "standard deviation of loop"),
+        ("gap_p95_um", "95 % gap"),
+        ("lag", "lag"),
+    ],
+)
+def test_a_metric_that_a_study_adds_is_told_by_its_words(metric, label):
+    assert Criterion(metric, 1.0).label == label
+
+
+def test_the_largest_source_of_scatter_is_the_lever(job):
+    rows = [{"varied": "all", **verdict(40.0)}, {"varied": "all", **verdict(120.0)}]
+    sources = {"friction": paths_of((-20, 21))["all"], "encoder": paths_of((-60, 61))["all"]}
+    text = repeat_answer(RepeatStudy(job, repeats=2), rows, {**paths_of((-100, 101)), **sources})
+    size = sources["encoder"].path_repeatability
+    assert text.endswith(f"the scatter is the larger part, most of it from the encoder ({1e3 * size:.2f} µm alone).")

@@ -473,3 +473,7 @@ def test_a_column_with_another_decimal_sign_is_named(log):
 def test_a_clock_has_fractions_after_a_comma(log, day):
     found = log(f"t;x\n{day}10:00:00,100;1\n{day}10:00:00,350;2\n")
     assert found.values(Source("t"), "s") == pytest.approx([0.0, 0.25])
+
+
+def test_columns_of_one_name_are_numbered_from_the_second_on(log):
+    assert log("x,t,x,x,t\n1,2,3,4,5\n2,3,4,5,6\n").order == ("x", "t", "x (2)", "x (3)", "t (2)")

@@ -5,6 +5,7 @@ import re
 from contextlib import suppress
 from dataclasses import replace
 from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -645,3 +646,19 @@ def test_the_largest_flow_is_that_of_any_tick():
     flow = np.full(len(run.time), 20.0)
     flow[[7, 11]] = (321.0, 0.0)
     assert Bead(replace(run, flow=flow)).most_flow == 321.0
+
+
+@pytest.mark.parametrize("drift", [0.0, 4e-4])
+def test_a_flow_that_a_limit_holds_short_has_settled_where_it_is_steady(drift):
+    """Also one that falls by 0.04 % a second, as a syringe empties; one that still rises has not settled."""
+    tick = np.arange(1000)
+    demand = np.where((tick >= 100) & (tick < 900), 10.0, 0.0)
+    flow = 6.0 * np.clip((tick - 100) / 200, 0.0, 1.0) * (1 - drift * 1e-3 * np.clip(tick - 300, 0, None))
+    flow = np.where(tick < 900, flow, 0.0)
+    run = SimpleNamespace(period=1e-3, flow=flow, flow_demand=demand)
+    first, after = Bead._settled(SimpleNamespace(run=run), 0, 1000)
+    assert first == 300
+    assert after in (899, 900)
+    # the middle, where it never settles
+    run = SimpleNamespace(period=1e-3, flow=np.linspace(0.0, 6.0, 1000), flow_demand=demand)
+    assert Bead._settled(SimpleNamespace(run=run), 0, 1000) == (500, 500)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from gantrysim import Dispenser, InputError, Machine
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.glue.bead import Bead, BeadSettings, HeightMap, Section, pushing
+from gantrysim.glue.bead.height_map import _on_grid
 from gantrysim.glue.bead.pushing import push_aside
 from gantrysim.record.setpoints import Setpoints
 
@@ -461,3 +462,17 @@ def test_a_cell_that_is_not_given_is_a_quarter_of_a_narrow_bead(share):
     assert (width > 1.0) == (share == 1)
     assert bead.cell == (0.25 if share == 1 else pytest.approx(0.25 * width))
     assert bead.map.volume == pytest.approx(bead.run.flow[:-1].sum() * PERIOD, rel=VOLUME)
+
+
+@pytest.mark.parametrize("cell", [0.5, 2.0])
+def test_cells_keep_their_places_on_a_wider_grid(cell):
+    def middles(first, count):
+        return cell * (first + np.arange(count, dtype=float))
+
+    values = 1.0 + np.arange(6.0).reshape(3, 2)
+    wide = _on_grid(values, (middles(2, 2), middles(-5, 3)), (middles(0, 7), middles(-6, 9)), cell)
+    assert wide.shape == (9, 7)
+    np.testing.assert_array_equal(wide[1:4, 2:4], values)
+    assert wide.sum() == values.sum()
+    same = (middles(2, 2), middles(-5, 3))
+    assert _on_grid(values, same, same, cell) is values

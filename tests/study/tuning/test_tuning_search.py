@@ -354,3 +354,30 @@ def test_the_first_points_are_shapes_at_the_edge_each_also_with_less_of_the_last
     # it was run there already
     points = _first_points(edge, begin, SimpleNamespace(point=np.zeros(1)))
     assert [point.tolist() for point in points] == [point.tolist() for point in expected[1:]]
+
+
+def ranked(metric, ripple, point, machines=(0,)):
+    """A candidate with one value of metric and ripple on each machine."""
+    results = {m: TrialResult(metric * (1 + m), ripple) for m in machines}
+    return Candidate(1, 1, DERIVED, results=results, point=np.array([point]))
+
+
+def test_candidates_beyond_the_ripple_come_after_all_within_it_by_how_far_they_are_beyond():
+    """From just above the limit on: the logarithm of the excess orders them, that of the metric all others."""
+    candidates = [ranked(5.0, 0.99 * RIPPLE, 0.0), ranked(1.0, 1.01 * RIPPLE, 1.0), ranked(1.0, 9 * RIPPLE, 2.0)]
+    estimates = Estimates(candidates, SearchLimits(1, 100, RIPPLE, 1))
+    assert [rank for rank, _ in estimates.keys] == [1, 2, 2]
+    assert [amount for _, amount in estimates.keys] == pytest.approx([math.log(x) for x in (5.0, 1.01, 9.0)])
+    assert estimates.best() == 0
+    assert estimates.best([np.array([2.0]), np.array([1.0])]) == 1
+
+
+def test_a_candidate_run_on_some_machines_is_scaled_by_the_nearest_one_run_on_all():
+    """On the second machine the metric is twice as large: one that was run on the first alone counts as much."""
+    whole = [ranked(4.0, 0.001, 0.0, (0, 1)), ranked(3.0, 0.001, 5.0, (0, 1))]
+    part = ranked(3.5, 0.001, 1.0)
+    estimates = Estimates([*whole, part], SearchLimits(2, 100, RIPPLE, 1))
+    assert np.exp(estimates.metric) == pytest.approx([8.0, 6.0, 7.0])
+    # nobody was run on all: the values stand as they are
+    alone = Estimates([part], SearchLimits(2, 100, RIPPLE, 1))
+    assert np.exp(alone.metric) == pytest.approx([3.5])
