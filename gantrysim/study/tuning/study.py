@@ -87,7 +87,7 @@ class TuningStudy(Study):
     seed: int = 1
     held: tuple[str, ...] = ()
     _runs: dict[Servo, Run] = field(init=False, repr=False, compare=False, default_factory=dict)
-    _histories: list[tuple[Sequence[Row], History]] = field(init=False, repr=False, compare=False, default_factory=list)
+    _histories: list[tuple[list[Row], History]] = field(init=False, repr=False, compare=False, default_factory=list)
     leaders: list[Candidate] = field(init=False, repr=False, compare=False, default_factory=list)
 
     name = "tune"
@@ -208,7 +208,9 @@ class TuningStudy(Study):
         # one that cannot reach the setpoints is refused before hours of runs
         for machine in self.machines:
             axis_positions(machine, self.job.setpoints)
-        history = yield from self._search_rounds()
+        measured: list[Row] = []
+        history = yield from self._search_rounds(measured)
+        self._histories[:] = [(measured, history)]
         if self.unseen:
             yield [
                 self._case(_UNSEEN[phase], candidate, number, perturbation)
@@ -216,7 +218,8 @@ class TuningStudy(Study):
                 for number, perturbation in enumerate(self.unseen_perturbations, 1)
             ]
 
-    def _search_rounds(self) -> Generator[list[Case], Sequence[Row], History]:
+    def _search_rounds(self, measured: list[Row]) -> Generator[list[Case], Sequence[Row], History]:
+        """Yield the runs of the search and return its history; the rows received are added to those measured."""
         largest = self.metric in OF_LARGEST
         limits = SearchLimits(self.robust + 1, self.budget, 0.01 * self.ripple, self.seed, self.batch, largest)
         trials_of_rounds = search(self.space, self.stability, limits, on_leader=self.leaders.append)
@@ -226,6 +229,7 @@ class TuningStudy(Study):
             rows = yield [
                 self._case(stage, trial.candidate, trial.machine, self.perturbations[trial.machine]) for trial in trials
             ]
+            measured += rows
             try:
                 trials = trials_of_rounds.send([trial_result(row, self.metric) for row in rows])
             except StopIteration as stop:
@@ -244,19 +248,17 @@ class TuningStudy(Study):
         )
 
     def history(self, rows: Sequence[Row]) -> History:
-        """Return the history of the search, replayed from the rows of the study."""
-        if not self._histories or self._histories[-1][0] is not rows:
-            self._histories[:] = [(rows, self._replay(rows))]
+        """Return the history of the search of this study, or of one replayed from the rows of a study."""
+        if not self._histories or rows[: len(self._histories[-1][0])] != self._histories[-1][0]:
+            # the search depends on seed and rows alone: what the ledger holds is enough to repeat it without a run
+            remaining = iter(rows)
+            history = self.history_of(lambda cases: [next(remaining) for _ in cases])
+            self._histories[:] = [(list(rows[: history.runs]), history)]
         return self._histories[-1][1]
-
-    def _replay(self, rows: Sequence[Row]) -> History:
-        # the search depends on seed and rows alone: what the ledger holds is enough to repeat it without a run
-        remaining = iter(rows)
-        return self.history_of(lambda cases: [next(remaining) for _ in cases])
 
     def history_of(self, measure: Callable[[list[Case]], list[Row]]) -> History:
         """Return the history of a search whose cases are measured by a function."""
-        cases_of_rounds = self._search_rounds()
+        cases_of_rounds = self._search_rounds([])
         cases = next(cases_of_rounds)
         while True:
             try:

@@ -661,3 +661,20 @@ def test_progress_covers_all_rounds_and_shows_the_best_metric_so_far(outcome_wit
     assert {every for _, every, _ in calls[:-1]} == {BUDGET + 4}
     best = study.history(done.rows).best
     assert calls[-1][2] == f"best {best.metric:.3g} µm"
+
+
+def test_a_study_does_not_repeat_its_own_search_for_its_report(poor):
+    """Another one replays it from the rows."""
+    study = tuning(poor, budget=10, unseen=0)
+    rows = searched(study)
+    leaders = len(study.leaders)
+    history = study.history(rows)
+    assert study.history(list(rows)) is history
+    assert len(study.leaders) == len(history.leaders) == leaders
+    other = tuning(poor, budget=10, unseen=0)
+    replayed = other.history(rows)
+    assert replayed.best.servo == history.best.servo
+    assert replayed.runs == history.runs == len(rows)
+    # rows of a search that has gone otherwise
+    worse = [{**row, "contour_rms_um": 2 * row.get("contour_rms_um", 0.0)} for row in rows]
+    assert study.history(worse).start.metric == pytest.approx(2 * history.start.metric)
