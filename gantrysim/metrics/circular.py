@@ -331,8 +331,8 @@ def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float
         reach: as in `Trace.reversals` [deg].
     """
     commanded = run.commanded_tip[:, :2] - centre
-    swept = np.degrees(np.abs(np.unwrap(np.arctan2(commanded[:, 1], commanded[:, 0]))))
-    passed = np.abs(swept - swept[0])
+    angle = np.degrees(np.unwrap(np.arctan2(commanded[:, 1], commanded[:, 0])))
+    passed = np.abs(angle - angle[0])
     evaluated = (passed >= lead) & (passed < lead + 360)
     nozzle = Trace(run.nozzle[evaluated, :2], centre, radius)
     motor = Trace(run.motor_tip[evaluated, :2], centre, radius)

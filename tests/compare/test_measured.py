@@ -564,3 +564,40 @@ def test_what_a_trace_covers_of_the_bead_is_told_where_it_is_not_all(end, note):
     notes = coverage(covered, run, SimpleNamespace(others=(), shift=0.0))
     assert len(notes) == len(note)
     assert all(words in text for words, text in zip(note, notes, strict=True))
+
+
+TURNS = "G21 G90 G64 P0.01\nG0 X0 Y0\nG{} X0 Y0 I20 J0 P2 F3000\nM2\n"
+OVAL = 0.05  # amplitude of the ellipse that is added to the trace [mm]
+
+
+@pytest.mark.parametrize("code", [2, 3])
+def test_the_command_gives_the_circle_of_a_trace_beside_that_of_the_run(tmp_path, gantrysim_command, code):
+    """Its radial range over the middle 360 degrees, by the trace itself, in both directions from the angle of 180."""
+    (tmp_path / "turns.ngc").write_text(TURNS.format(code))
+    folder = tmp_path / "out"
+    alone = ("--no-video", "--no-report", "--no-causes", "--no-improve")
+    gantrysim_command("run", tmp_path / "turns.ngc", "--out", folder, *alone)
+    run = Run.load(folder / "run.npz")
+    centre = np.array([20.0, 0.0])
+    arm = run.encoder[:, :2] - centre
+    angle = np.arctan2(*arm.T[::-1])
+    oval = centre + arm * (1 + OVAL / 20 * np.cos(2 * angle))[:, None]
+    log = tmp_path / "log.csv"
+    np.savetxt(log, np.column_stack([run.time, oval]), delimiter=",", header="t,px,py", comments="", fmt="%.9f")
+    measured = ("compare", folder, "--measured", log, "--columns", "time=t,x=px,y=py", "--align", "none")
+    status, out, err = gantrysim_command(*measured, "--circle", "20,20,0")
+    assert (status, err) == (0, "")
+    found = json.loads((folder / "compare" / "compare.json").read_text())["circle"]
+    swept = np.abs(np.unwrap(np.arctan2(*(run.commanded[:, :2] - centre).T[::-1])))
+    swept -= swept[0]
+    lead = 0.5 * (swept[-1] - 2 * np.pi)
+    middle = (swept >= lead) & (swept <= swept[-1] - lead)
+    for name, points in (("measured", oval), ("simulated", run.nozzle[:, :2])):
+        radius = np.hypot(*(points[middle] - centre).T)
+        assert found[name]["circular_deviation_um"] == pytest.approx(1e3 * np.ptp(radius), rel=0.02)
+    assert found["measured"]["circular_deviation_um"] > found["simulated"]["circular_deviation_um"] + 0.5e3 * OVAL
+    row = next(line for line in out.splitlines() if "circular_deviation_um" in line)
+    assert [f"{found[name]['circular_deviation_um']:.2f}" in row for name in ("measured", "simulated")] == [True, True]
+    status, _, err = gantrysim_command(*measured, "--circle", "25")
+    assert status == 2
+    assert "must be a full circle there" in " ".join(err.split())
