@@ -134,11 +134,12 @@ class Job(LoadedJob):
             for name in ("setpoints", "start_wait"):
                 if name in other.__dict__:
                     shared.__dict__[name] = other.__dict__[name]
-            fits_alike = shared.dispenser == other.dispenser and shared.bead == other.bead
             # a machine that is not built yet may be refused
             is_on_it = shared.__dict__.get("built_machine") is other.__dict__.get("built_machine")
-            if fits_alike and is_on_it and "_fits" in other.__dict__:
-                shared.__dict__["_fits"] = True
+            is_glued_alike = shared.dispenser == other.dispenser and shared.bead == other.bead
+            for name, is_alike in (("_program_fits", is_on_it), ("_cells_suit", is_on_it and is_glued_alike)):
+                if is_alike and name in other.__dict__:
+                    shared.__dict__[name] = True
         return shared
 
     @property
@@ -225,14 +226,24 @@ class Job(LoadedJob):
 
         The cells of the height map must suit the bead of a machine that follows the program exactly.
         """
+        self.check_program()
+        assert self._cells_suit
+
+    def check_program(self) -> None:
+        """Raise InputError unless program and machine agree in frame and geometry; includes `check_faults`."""
         self.check_faults()
-        assert self._fits
+        assert self._program_fits
 
     @cached_property
-    def _fits(self) -> bool:
-        """True, or an InputError for a program that does not fit its machine, or cells that do not suit its bead."""
+    def _program_fits(self) -> bool:
+        """True, or an InputError for a program that does not fit its machine."""
         with self.locate_errors():
             check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
+        return True
+
+    @cached_property
+    def _cells_suit(self) -> bool:
+        """True, or an InputError for cells of the height map that do not suit the bead."""
         bead = Bead(self.follow(), self.bead)
         # without glue there is no map, unless its cells are asked for
         if self.bead.cell is not None or bead.nominal_section.width[0] > 0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -122,7 +123,13 @@ class JobSource(NamedTuple):
 
 def builtin_jobs() -> list[str]:
     """Return the names of the built-in jobs."""
-    return sorted(Path(item.name).stem for item in files("gantrysim.jobs").iterdir() if item.name.endswith(".toml"))
+    return list(_builtin_names())
+
+
+@cache
+def _builtin_names() -> tuple[str, ...]:
+    names = (item.name for item in files("gantrysim.jobs").iterdir())
+    return tuple(sorted(Path(name).stem for name in names if name.endswith(".toml")))
 
 
 def job_text(name: str) -> str:

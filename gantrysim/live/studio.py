@@ -130,8 +130,9 @@ class Studio:
             raise CodeError(code)
         return code is not None
 
-    def _job(self, draft: Draft) -> Job:
-        opened = self._open(draft)
+    def _job(self, draft: Draft, opened: Job | None = None) -> Job:
+        if opened is None:
+            opened = self._open(draft)
         job = draft.job(opened, self._latest)
         shared = job.sharing(opened if self._latest is None else self._latest)
         self._latest = shared
@@ -142,10 +143,10 @@ class Studio:
         assert draft is not None
         opened = self._open(draft)
         send("text", _texts(draft, opened))
-        job = self._job(draft)
+        job = self._job(draft, opened)
         controls = controls_of(job, opened, draft.override)
         send("controls", {"controls": [control._asdict() for control in controls]})
-        job.check_fit()
+        job.check_program()
         go_on()
         limits = job.limits(needle_face(job.built_machine, job.dispenser.needle))
         send("margins", {"row": _row(stability_row(job, job.margins, limits))})
@@ -154,6 +155,8 @@ class Studio:
         if self.newest == request.number and not self.arrived.wait(REST):
             # a full collection, of the whole process, would else take 50 ms of one answer in ten; nobody waits here
             gc.collect()
+            # takes a tenth of a quick answer, which has no height map
+            job.check_fit()
             self._run(request, job, job.simulation.engine or WHOLE, send, go_on)
 
     def _run(self, request: Request, job: Job, engine: Engine, send: Send, go_on: Callable[..., None]) -> None:

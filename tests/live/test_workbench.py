@@ -114,6 +114,17 @@ def test_a_wrong_job_file_is_refused_with_its_line(answers, tmp_path):
     assert str(answers.studio._scratch) not in refusal["text"]
 
 
+def test_cells_that_do_not_suit_the_bead_are_refused_behind_the_quick_answer(answers, tmp_path):
+    file = tmp_path / "short.toml"
+    file.write_text(JOB)
+    messages = answers.ask("show", Draft(str(file), values={"bead.cell": 5.0}))
+    assert [kind for kind, _ in messages if kind in ("result", "refused")] == ["result", "refused"]
+    (refusal,) = content_of(messages, "refused")
+    with pytest.raises(InputError) as error:
+        Job.load(file, {"bead.cell": 5.0}).check_fit()
+    assert refusal["text"] == str(error.value)
+
+
 def test_an_edited_job_file_finds_the_files_beside_the_original(answers, tmp_path):
     (tmp_path / "part.ngc").write_text(TEXT)
     file = tmp_path / "job.toml"
