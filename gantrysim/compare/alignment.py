@@ -355,7 +355,7 @@ def _steady_ratio(motion: Motion) -> Estimate | None:
         windows = max(int((motion.instants[after - 1] - motion.instants[first]) / _LONG), 1)
         for rows in np.array_split(np.arange(first, after), windows):
             time = motion.time[rows] - motion.time[rows].mean()
-            instants = motion.instants[rows] - motion.instants[rows].mean()
+            instants = motion.instants[rows]
             if rows.size >= _FEWEST and np.ptp(instants) > 0:
                 ratios.append(float(np.sum(time * instants) / np.sum(time**2)))
     if len(ratios) < _FEWEST_WINDOWS:

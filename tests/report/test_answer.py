@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.patches import Rectangle
 
 from gantrysim import Job
 from gantrysim.faults import EncoderSlip
@@ -17,6 +19,7 @@ from gantrysim.report.plots.style import sheet
 from gantrysim.report.rows import gap_or_overlap
 from gantrysim.report.summary import summary
 from gantrysim.results.checks import Check, Row
+from gantrysim.results.colours import STATES
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 
@@ -118,6 +121,13 @@ def test_the_card_has_time_and_line_of_what_fails(job, follower):
         figure.set_layout_engine("none")
         draw_card(figure, results, answer)
         texts = [text.get_text() for text in figure.texts]
+        (bar,) = [
+            artist for artist in figure.findobj(Rectangle) if artist.get_width() == 1 and artist.get_height() < 0.1
+        ]
+    # across the upper edge, in the colour of the state
+    assert (bar.get_x(), bar.get_width(), bar.get_y() + bar.get_height()) == pytest.approx((0.0, 1.0, 1.0))
+    assert 2 < bar.get_height() * HEIGHT < 20
+    assert bar.get_facecolor() == to_rgba(STATES["fail"])
     # a number keeps its unit, and shapes of states stand between the lines
     words = " ".join(text for text in texts if len(text) > 1).replace("\xa0", " ")
     for row in answer.rows:

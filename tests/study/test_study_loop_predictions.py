@@ -68,6 +68,17 @@ def test_waits_in_whole_milliseconds(xy, period):
     check(xy, {"loop_period": period, "wait_resolution": 1e-3})
 
 
+def test_waits_that_are_whole_milliseconds_are_kept():
+    """x falls by 1/64 a pass and T = 64 ms, so that each wait is one, but for the rounding of x."""
+    changed = NOTE | {"thickness": 30, "turns": 1, "loop_period": 0.064}
+    changed["speed"] = math.pi * 120**2 / (2 * 30 * 0.064 * 64)
+    exact = SteppedArcs(**changed)
+    assert exact.change == pytest.approx(1 / 64)
+    whole = SteppedArcs(**changed, wait_resolution=1e-3)
+    end = 2 * math.pi
+    assert complex(whole.position(end)) == pytest.approx(complex(exact.position(end)), abs=1e-6)
+
+
 def test_ratio_of_few_bits(xy):
     check(xy, {"loop_period": 0.1, "ratio_bits": 8})
     exact, cut = (SteppedArcs(**NOTE, loop_period=0.1, ratio_bits=bits).program.rms for bits in (None, 8))
