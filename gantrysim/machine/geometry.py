@@ -53,6 +53,8 @@ SCREWS = {
 
 _BOUNDS |= dict.fromkeys(("sag", *BENDING), 5.0)
 _LEAST_VALUES = dict.fromkeys(("play", "periodic_error", "racking"), 0.0)
+# of those not in mm; play is in the unit of its axis
+_UNITS = dict.fromkeys(("yaw", *SQUARENESS, "racking"), "mm/m") | {"play": ""}
 
 # assumption: errors to which a gantry with screws of a grade is built. Play, straightness and vertical straightness
 # [um], yaw, squareness and racking [um/m], sag and bending of the ram [um]
@@ -140,9 +142,10 @@ class Geometry:
         if self.accuracy is not None and self.accuracy not in SCREWS:
             raise unknown("accuracy class", str(self.accuracy), SCREWS)
         for name in ERRORS:
-            self._check(name, _LEAST_VALUES.get(name, -_BOUNDS.get(name, 10.0)), _BOUNDS.get(name, 10.0))
+            bound = _BOUNDS.get(name, 10.0)
+            self._check(name, _LEAST_VALUES.get(name, -bound), bound, _UNITS.get(name, "mm"))
         for name in ("abbe", "guide_arm", "fixed_end", "scale_fixed"):
-            self._check(name, -1e4, 1e4)
+            self._check(name, -1e4, 1e4, "mm")
         if self.bending_load not in LOADS:
             raise unknown("bending_load", str(self.bending_load), LOADS)
         between("ram", self.ram, 0, 1e4, "mm")
@@ -151,14 +154,14 @@ class Geometry:
         for name in ("expansion", "scale_expansion"):
             at_least(name, getattr(self, name), 0, "1/K", 1e-3)
 
-    def _check(self, name: str, low: float, high: float) -> None:
+    def _check(self, name: str, low: float, high: float, unit: str) -> None:
         value = getattr(self, name)
         if value is None:
             return
         if isinstance(value, list | tuple):
-            checked: PerAxis = tuple(between(name, axis_value, low, high) for axis_value in value)
+            checked: PerAxis = tuple(between(name, axis_value, low, high, unit) for axis_value in value)
         else:
-            checked = between(name, value, low, high)
+            checked = between(name, value, low, high, unit)
         object.__setattr__(self, name, checked)
 
     def is_given_explicitly(self, name: str) -> bool:

@@ -392,3 +392,40 @@ def test_machines_of_a_design_vary_within_their_class(xy):
 def test_what_a_machine_cannot_have_is_refused(machine, values, says):
     with pytest.raises(InputError, match=says):
         Machine(machine).with_geometry(Geometry(**values))
+
+
+MM = dict.fromkeys(("straightness", "straightness_vertical"), 10.0) | dict.fromkeys(
+    ("sag", "bending_x", "bending_y"), 5.0
+)
+ANGLES = ("yaw", "squareness_xy", "squareness_xz", "squareness_yz")
+LIMITS = [
+    ("travel_error", -10.0, 10.0, "mm"),
+    ("periodic_error", 0.0, 1.0, "mm"),
+    ("play", 0.0, 5.0, ""),
+    ("racking", 0.0, 10.0, "mm/m"),
+    *[(name, -bound, bound, "mm") for name, bound in MM.items()],
+    *[(name, -10.0, 10.0, "mm/m") for name in ANGLES],
+    *[(name, -1e4, 1e4, "mm") for name in ("abbe", "guide_arm", "fixed_end", "scale_fixed")],
+    ("ram", 0.0, 1e4, "mm"),
+    *[(name, -100.0, 100.0, "K") for name in ("warming", "scale_warming")],
+]
+
+
+@pytest.mark.parametrize(("name", "low", "high", "unit"), LIMITS)
+def test_a_value_is_taken_up_to_its_bounds_and_refused_beyond_them(name, low, high, unit):
+    for bound, beyond in ((low, low - 1.0), (high, high + 1.0)):
+        assert getattr(Geometry(**{name: bound}), name) == bound
+        with pytest.raises(InputError) as error:
+            Geometry(**{name: beyond})
+        behind = f" {unit}" if unit else ""
+        text = str(error.value).replace("\xa0", " ")
+        assert text == f"{name} = {beyond:g}{behind}: must be {low:g} to {high:g}{behind}"
+
+
+@pytest.mark.parametrize("name", ["expansion", "scale_expansion"])
+def test_an_expansion_is_at_least_0_and_at_most_a_thousandth(name):
+    for value in (0.0, 1e-3):
+        assert getattr(Geometry(**{name: value}), name) == value
+    for value, bound in ((-1e-9, "at least 0 1/K"), (1.1e-3, "at most 0.001 1/K")):
+        with pytest.raises(InputError, match=f"^{name} = .*: must be {bound}$"):
+            Geometry(**{name: value})

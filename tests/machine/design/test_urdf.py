@@ -1,6 +1,7 @@
 """A URDF with its table: directions, travel, inertia and modes against its own numbers, and what is missing."""
 
 import math
+import re
 import struct
 
 import mujoco
@@ -177,6 +178,19 @@ def test_what_a_table_beside_a_urdf_may_not_hold(tmp_path, old, new, text):
     with pytest.raises(InputError, match=text.replace("[", r"\[")) as error:
         Machine(written(tmp_path, table=TABLE.replace(old, new, 1)))
     assert "\n" not in str(error.value)
+
+
+def test_of_many_links_twelve_are_named_and_the_others_counted(tmp_path):
+    links = re.findall(r'<link name="(\w+)"', URDF)
+    for count in (12, 13, 15):
+        few = "".join(f'<link name="l{k}"/>' for k in range(count - len(links)))
+        urdf = URDF.replace("</robot>", f"{few}</robot>")
+        with pytest.raises(InputError) as error:
+            Machine(written(tmp_path, urdf=urdf, table=TABLE.replace('"tool"', '"tol"', 1)))
+        named = str(error.value).partition("it has ")[2].split(", ")
+        assert named[: len(links)] == links
+        assert len(named) == min(count, 13)
+        assert (named[-1] == f"and {count - 12} more") == (count > 12)
 
 
 @pytest.mark.parametrize(
