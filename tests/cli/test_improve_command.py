@@ -99,3 +99,13 @@ def test_the_table_of_levers_is_whole(width, monkeypatch, capsys):
     for name, setting, *cells, cost in result.rows:
         assert all(word in text.split() for word in f"{name} {setting} {cost}".split())
         assert "".join(cells).replace(" ", "") in letters(text)
+
+
+def test_a_run_that_ends_in_a_fault_is_told_without_a_table(gantrysim_command, file):
+    status, printed, said = gantrysim_command("improve", file, *QUICK, "--set", "servo.following_error_limit=0.001")
+    assert said == ""
+    assert status in (0, FAULT)
+    words = " ".join(printed.split())
+    assert words.startswith("verdict ✗ fail: Fault: following error on axis x at t = 0.00")
+    assert "What to change" not in words
+    assert "unchanged" not in words

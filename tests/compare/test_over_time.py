@@ -97,6 +97,11 @@ def test_the_machine_without_friction_has_neither_dry_nor_viscous_friction(job, 
     np.testing.assert_array_equal(wrong.commanded, job.run().commanded)
 
 
+def test_the_machine_without_friction_is_sent_the_same(run, wrong):
+    for name in ("commanded", "dispense", "progress"):
+        np.testing.assert_array_equal(getattr(wrong, name), getattr(run, name), err_msg=name)
+
+
 def test_torques_of_a_log_are_read_in_their_unit(run):
     time = 1e-3 * np.arange(20)
     columns = {"t": time, "demand_x_Nm": time, "torque_x_Nm": 2 * time, "commanded_x_mm": time, "encoder_x_mm": time}

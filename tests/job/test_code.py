@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from gantrysim import InputError, Job
+from gantrysim import InputError, Job, Machine
 from gantrysim.cli import study as study_commands
 from gantrysim.cli import tune as tune_command
+from gantrysim.job.servo_file import servo_of_file
 from gantrysim.report.folder import SavedRun
 from gantrysim.study import Case
 
@@ -122,6 +123,18 @@ def test_every_command_takes_the_permission(either, code, tmp_path, gantrysim_co
     assert "--allow-code" not in errors
     assert studied or status == 0
     assert studied or has_run(either) or (code is LAW and name in ("gains", "check"))
+
+
+def test_a_servo_file_for_a_machine_alone_brings_code_with_permission_only(stranger):
+    """As of `gantrysim identify --replay`, which has no job."""
+    file = stranger / "job.toml"
+    machine = Machine("xy")
+    with pytest.raises(InputError) as error:
+        servo_of_file(file, machine, 1e-3)
+    assert str(error.value) == refused(stranger, f"servo {file}").replace(f"= {stranger}/", "= ")
+    assert not has_run(stranger)
+    # it is imported where a motion begins
+    assert servo_of_file(file, machine, 1e-3, allow_code=True).period == 1e-3
 
 
 def test_in_the_present_folder_code_runs_unasked(either, tmp_path, gantrysim_command, monkeypatch):

@@ -198,7 +198,7 @@ class Leg:
     path: Segment
     profile: Profile
     dispense: bool
-    line: int = 0
+    line: int
 
     @property
     def duration(self) -> float:
