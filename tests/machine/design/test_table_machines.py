@@ -13,6 +13,7 @@ from scipy.linalg import eigh
 from gantrysim import InputError, Job, Machine
 from gantrysim.machine.design.build import mjcf_in, modes
 from gantrysim.machine.design.library import motor_of
+from gantrysim.machine.design.table import read_table
 from gantrysim.machine.ideal import without_compliance
 
 from support.soaked import suite_runs
@@ -408,3 +409,20 @@ def test_the_page_of_keys_is_that_of_the_code_and_its_table_is_a_machine(tmp_pat
     text = (root / "docs" / "machines.md").read_text(encoding="utf-8")
     machine = built(tmp_path, re.search(r"```toml\n(.*?)```", text, re.S)[1])
     assert machine.axis_names == ("x", "y")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_fastest_mode_turns_by_a_radian_in_a_physics_step_and_a_stepper_s_field_by_half_of_one(machines, name):
+    """The step is the longest of 0.25 ms, 0.125 ms and so on that keeps it."""
+    physics = machines[name].physics
+    table = read_table(EXAMPLES / f"{name}.toml")
+    slides = [slide for slide in (table.x, table.y, table.z) if slide is not None]
+    fields = [slide.drive.field_rate for slide in slides if slide.drive is not None]
+    fields += [] if table.belts is None else [table.belts.field_rate]
+    assert any(fields) == (name == "stepper")
+    fastest = max(2 * math.pi * modes(physics)[0].max(initial=0.0), *fields)
+    step = physics.opt.timestep
+    largest = 0.5 if any(fields) else 1.0
+    assert fastest * step <= largest
+    assert step == 2.5e-4 or fastest * 2 * step > largest
+    assert math.log2(2.5e-4 / step).is_integer()
