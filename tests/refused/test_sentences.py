@@ -9,6 +9,7 @@ text where it is accepted. A group says what is called:
     end     text behind every text.
     always  arguments of all cases.
     then    a method of what was called, and its arguments.
+    reads   attribute of what was called that is read.
     shows   attribute of what was called that is compared where the input is accepted.
     file    name of a file that holds the text; the call gets the name.
     edits   path of a file of this project: the input is a table of texts in it and what replaces them.
@@ -113,19 +114,28 @@ def called(group, value):
     if "then" in group:
         method, *arguments = group["then"]
         result = getattr(result, method)(*value_of(arguments))
+    if "reads" in group:
+        _ = getattr(result, group["reads"])
     return result
+
+
+def plain(text):
+    """A text without the folders of this machine."""
+    for folder in (Path.cwd(), ROOT):
+        text = text.replace(f"{folder}/", "")
+    return text
 
 
 def outcome(group, value, command):
     """What comes of a case's input, in words."""
     if group["call"] == "command":
         status, _, said = command(*value)
-        return " ".join(said.split()) if status else ""
+        return plain(" ".join(said.split())) if status else ""
     try:
         with warnings.catch_warnings(action="error"):
             result = called(group, value)
     except gs.GantryError as error:
-        return str(error)
+        return plain(str(error))
     except Exception as error:
         return f"{type(error).__name__}: {error}"
     shown = getattr(result, group["shows"]) if "shows" in group else ""

@@ -10,10 +10,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.input_files import read_toml, validated_model
+from gantrysim.base.input_files import field_names, one_line, read_toml
 from gantrysim.machine.design.library import AC_SERVO, PER_RMS, RPM, Motor, counts_of, motor_of
 from gantrysim.machine.design.settings import Count, NotNegative, Positive, Table, key
 from gantrysim.machine.geometry import SCREWS
@@ -363,7 +363,8 @@ class MachineTable(Table):
         }
         for name, (value, has_key) in keys.items():
             if has_key and value is None:
-                raise InputError(f"{name} is missing, arrangement = {kind!r} needs it")
+                needs = "the z axis" if name == "masses.ram" else f"arrangement = {kind!r}"
+                raise InputError(f"{name} is missing, {needs} needs it")
             if not has_key and value is not None:
                 machine = "a machine without z" if name == "masses.ram" else f"arrangement = {kind!r}"
                 raise InputError(f"{name}: {machine} has none, leave it out")
@@ -387,4 +388,8 @@ def read_table(file: Path) -> MachineTable:
         InputError: a file that cannot be read, or a key that is unknown, missing or out of its bounds.
     """
     label = f"machine {file}"
-    return validated_model(MachineTable, read_toml(file, label), label)
+    try:
+        return MachineTable.model_validate(read_toml(file, label))
+    except ValidationError as error:
+        known = field_names(MachineTable)
+        raise InputError(f"{label}: {one_line(error, known, located=True)}") from None
