@@ -227,12 +227,14 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
     problems: dict[str, str] = {}
     hints = set[str]()
     for item in error.errors():
-        where = ".".join(str(part) for part in item["loc"] if not _is_kind(str(part)))
-        cause = item.get("ctx", {}).get("error")
+        context = item.get("ctx", {})
+        place = [str(part) for part in item["loc"] if not _is_kind(str(part))]
+        # of a union, the class that a value might be
+        where = ".".join(place[:-1] if place and place[-1] == context.get("class_name") else place)
+        cause = context.get("error")
         if item["type"] == "value_error" and isinstance(cause, Exception):
             text = f"{where}: {cause}" if located and where else str(cause)
         elif item["type"] == "union_tag_invalid":
-            context = item["ctx"]
             kind = context["discriminator"].strip("'")
             text = f"{where}.{kind} = {context['tag']!r:.60}: must be one of {context['expected_tags']}"
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):

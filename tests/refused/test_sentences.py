@@ -47,16 +47,10 @@ def given(name):
     match name:
         case "none":
             return None
-        case "xy" | "xyz" | "xyzr" | "stage":
+        case "xy":
             return gs.Machine(name)
         case "axes":
             return given("xy").axes
-        case "servo":
-            return gs.Servo.derive(given("axes"))
-        case "setpoints":
-            return gs.controllers.trio.MoveSpiral(40, 1, 10, 100).setpoints(given("servo").period)
-        case "run":
-            return gs.simulate(given("xy"), given("servo"), given("setpoints"), dispenser=gs.Dispenser(flow=100))
         case _:
             return gs.Job.load(name)
 
