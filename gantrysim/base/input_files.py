@@ -233,7 +233,7 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
         where = ".".join(place[:-1] if place and place[-1] == context.get("class_name") else place)
         cause = context.get("error")
         if item["type"] == "value_error" and isinstance(cause, Exception):
-            text = f"{where}: {cause}" if located and where else str(cause)
+            text = _located_text(where, str(cause)) if located and where else str(cause)
         elif item["type"] == "union_tag_invalid":
             kind = context["discriminator"].strip("'")
             text = f"{where}.{kind} = {context['tag']!r:.60}: must be one of {context['expected_tags']}"
@@ -256,6 +256,13 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
     if not listed or not any(text.startswith("unknown key") for text in texts):
         return line
     return f"{line} {listed}" if line.endswith("?") else f"{line}; {listed}"
+
+
+def _located_text(where: str, text: str) -> str:
+    """Return a text with the place of what it is about, whose last part it may name itself."""
+    name = where.rpartition(".")[2]
+    tail = text.removeprefix(name)
+    return f"{where}{tail}" if tail != text and tail.startswith((":", " =")) else f"{where}: {text}"
 
 
 def _is_kind(part: str) -> bool:

@@ -49,6 +49,8 @@ def given(name):
             return None
         case "xy":
             return gs.Machine(name)
+        case "bandit":
+            return gs.env.GainBanditEnv(turns=1, preset="nominal")
         case "axes":
             return given("xy").axes
         case _:

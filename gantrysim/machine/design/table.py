@@ -213,18 +213,17 @@ class Drive(Table):
     @model_validator(mode="after")
     def _check_steps(self) -> Self:
         kind = self.known_motor.kind
+        motor = f"{'an' if kind[0] in 'aeiou' else 'a'} {kind} motor"
         if self.encoder is None and kind != "stepper":
-            raise InputError(f"encoder is missing, a {kind} motor needs it")
+            raise InputError(f"encoder is missing, {motor} needs it")
         if self.mode == "stepper" and kind != "stepper":
-            raise InputError(
-                f"mode = 'stepper': a {kind} motor runs in a closed loop; use torque, velocity or position"
-            )
+            raise InputError(f"mode = 'stepper': {motor} runs in a closed loop; use torque, velocity or position")
         if self.microsteps is not None and kind != "stepper":
-            raise InputError(f"microsteps: a {kind} motor has none, leave it out")
+            raise InputError(f"microsteps: {motor} has none, leave it out")
         if self.current is not None and kind == AC_SERVO:
             raise InputError(f"current = {self.current:g} A: the drive of an ac servo is rated in A rms: current_rms")
         if self.current_rms is not None and kind != AC_SERVO:
-            raise InputError(f"current_rms: a {kind} motor has no phases with rms currents, give current")
+            raise InputError(f"current_rms: {motor} has no phases with rms currents, give current")
         return self
 
     @cached_property
