@@ -80,7 +80,10 @@ def notes_of(state: State, stop_after: float, outputs: tuple[int, str], stated: 
         )
     if valve not in state.switched:
         others = ", ".join(f"OP({output})" for output in sorted(state.switched))
-        remedy = f"; {others} are, and --set program.valve={min(state.switched)} makes one the valve" if others else ""
+        are, it = ("is", "it") if len(state.switched) == 1 else ("are", "one")
+        remedy = (
+            f"; {others} {are}, and --set program.valve={min(state.switched)} makes {it} the valve" if others else ""
+        )
         notes.append(
             f"OP({valve}) is never switched: the dispenser is on while the axes move, but not straight up or "
             f"down{remedy}"
