@@ -118,7 +118,7 @@ def at_least(name: str, value: float, bound: float, unit: str = "", most: float 
     """Return `value` as a float, or raise InputError where it is not finite and from `bound` to `most`."""
     number = finite(name, value, unit)
     if number < bound:
-        raise InputError(f"{name} = {_quantity(number, unit)}: must be at least {_quantity(bound, unit)}")
+        raise InputError(f"{name} = {_quantity(number, unit, bound)}: must be at least {_quantity(bound, unit)}")
     return _at_most(name, number, most, unit)
 
 
@@ -126,7 +126,8 @@ def between(name: str, value: float, low: float, high: float, unit: str = "") ->
     """Return `value` as a float, or raise InputError where it is not finite and from `low` to `high`."""
     number = finite(name, value, unit)
     if not low <= number <= high:
-        raise InputError(f"{name} = {_quantity(number, unit)}: must be {low:g} to {_quantity(high, unit)}")
+        shown = _quantity(number, unit, low if number < low else high)
+        raise InputError(f"{name} = {shown}: must be {low:g} to {_quantity(high, unit)}")
     return number
 
 
@@ -217,9 +218,11 @@ def nearest(name: str, names: Iterable[str]) -> list[str]:
 
 def _at_most(name: str, number: float, most: float, unit: str) -> float:
     if number > most:
-        raise InputError(f"{name} = {_quantity(number, unit)}: must be at most {_quantity(most, unit)}")
+        raise InputError(f"{name} = {_quantity(number, unit, most)}: must be at most {_quantity(most, unit)}")
     return number
 
 
-def _quantity(value: float, unit: str) -> str:
-    return f"{value:g} {unit}".rstrip()
+def _quantity(value: float, unit: str, bound: float = math.nan) -> str:
+    """Return a value in words, with all digits where it would read as the bound that it misses."""
+    digits = f"{value:g}" if f"{value:g}" != f"{bound:g}" else f"{value:.17g}"
+    return f"{digits} {unit}".rstrip()

@@ -21,6 +21,7 @@ from gantrysim.base.files import check_whole
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
+    from pydantic_core import ErrorDetails
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
@@ -213,22 +214,29 @@ def field_names(kind: type[Any], prefix: str = "") -> Iterator[str]:
                 yield from field_names(part, f"{prefix}{name}.")
 
 
-def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = "") -> str:
+def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = "", *, located: bool = False) -> str:
     """Return the first problems that pydantic found, in one line, and the number of the others.
 
     Args:
         error: of a model.
         known: dotted names of its keys, of which the nearest to an unknown one are named.
         listed: where all of them are listed, if anywhere.
+        located: whether what a validator refuses is named with its place, as where several tables are alike.
     """
     names = tuple(known)
     problems: dict[str, str] = {}
     hints = set[str]()
     for item in error.errors():
-        where = ".".join(str(part) for part in item["loc"] if not str(part).startswith(("float", "list")))
-        cause = item.get("ctx", {}).get("error")
+        context = item.get("ctx", {})
+        place = [str(part) for part in item["loc"] if not _is_kind(str(part))]
+        # of a union, the class that a value might be
+        where = ".".join(place[:-1] if place and place[-1] == context.get("class_name") else place)
+        cause = context.get("error")
         if item["type"] == "value_error" and isinstance(cause, Exception):
-            text = str(cause)
+            text = _located_text(where, str(cause)) if located and where else str(cause)
+        elif item["type"] == "union_tag_invalid":
+            kind = context["discriminator"].strip("'")
+            text = f"{where}.{kind} = {context['tag']!r:.60}: must be one of {context['expected_tags']}"
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             hint = _meant_keys(where, names, _MANY_KEYS if listed else None)
             key = where if len(where) <= _SHOWN else f"{where[:_SHOWN]}..."
@@ -237,7 +245,7 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
         elif item["type"] in ("missing", "missing_argument"):
             text = f"{where} is missing"
         else:
-            text = f"{where} = {shorten(repr(item['input']), _SHOWN)}: {item['msg'][:1].lower()}{item['msg'][1:]}"
+            text = f"{where} = {shorten(repr(item['input']), _SHOWN)}: {_must_be(item)}"
         problems.setdefault(where or text, text)
     texts = list(dict.fromkeys(problems.values()))
     named = 1
@@ -248,6 +256,45 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
     if not listed or not any(text.startswith("unknown key") for text in texts):
         return line
     return f"{line} {listed}" if line.endswith("?") else f"{line}; {listed}"
+
+
+def _located_text(where: str, text: str) -> str:
+    """Return a text with the place of what it is about, whose last part it may name itself."""
+    name = where.rpartition(".")[2]
+    tail = text.removeprefix(name)
+    return f"{where}{tail}" if tail != text and tail.startswith((":", " =")) else f"{where}: {text}"
+
+
+def _is_kind(part: str) -> bool:
+    """Return whether a part of a place is the kind by which pydantic tells apart what a value may be, and no key."""
+    kinds = ("float", "list[", "literal[", "constrained-", "function-")
+    return part in ("str", "int", "bool") or part.startswith(kinds)
+
+
+_MUST_BE = {
+    "number": ("float_parsing", "float_type"),
+    "whole number": ("int_parsing", "int_type", "int_from_float"),
+    "text": ("string_type",),
+    "true or false": ("bool_parsing", "bool_type"),
+    "list": ("list_type", "tuple_type"),
+    "table": ("dict_type", "dataclass_type", "model_type", "dataclass_exact_type"),
+}
+_WITHOUT_ARTICLE = ("text", "true or false")
+_BOUNDS = {"gt": "greater than", "ge": "at least", "lt": "below", "le": "at most"}
+
+
+def _must_be(item: ErrorDetails) -> str:
+    """Return what a value must be that pydantic refuses, in words."""
+    for words, kinds in _MUST_BE.items():
+        if item["type"] in kinds:
+            return f"must be {words}" if words in _WITHOUT_ARTICLE else f"must be a {words}"
+    context = item.get("ctx", {})
+    for name, words in _BOUNDS.items():
+        if name in context:
+            return f"must be {words} {context[name]:g}"
+    if item["type"] == "literal_error":
+        return f"must be {context['expected']}"
+    return f"{item['msg'][:1].lower()}{item['msg'][1:]}"
 
 
 def _meant_keys(where: str, known: Sequence[str], most: int | None) -> str:
@@ -261,6 +308,8 @@ def _meant_keys(where: str, known: Sequence[str], most: int | None) -> str:
     *tables, wrong = where.split(".")
     # pydantic names a fault's kind after its number
     beside = _keys_in(tables, known) or _keys_in(tables[:-1], known)
+    if wrong in beside:
+        return ": is a key of another kind"
     if near := nearest(wrong, sorted(beside)):
         return f": {meant_names(near)}"
     if not beside or (most is not None and len(beside) > most):

@@ -158,7 +158,8 @@ def main() -> None:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
-        warn(shortened_message(" ".join(text.splitlines())), "error")
+        # of a group without its command, whose help has been printed, there is none
+        warn(shortened_message(" ".join(text.splitlines())) or "a command is missing", "error")
         status = INPUT_ERROR
     except ValidationError as error:  # a job that a study or an environment makes of its options
         warn(shortened_message(one_line(error)), "error")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
@@ -14,7 +15,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import tomli_w
 from pydantic import BaseModel, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
-from gantrysim.base.errors import InputError, check_type, expanded_path, unknown
+from gantrysim.base.errors import InputError, check_type, expanded_path, short_text, unknown
 from gantrysim.base.input_files import validated_model
 from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
@@ -34,13 +35,14 @@ from gantrysim.job.overrides import (
     set_placement,
     settings_of,
 )
-from gantrysim.job.programs import build, program_class, reject_booleans
+from gantrysim.job.programs import PROGRAMS, build, program_class, reject_booleans
 from gantrysim.job.settings import MACHINE, STRICT, ServoSettings, SimulationSettings, laid_over
 from gantrysim.job.tolerance import ToleranceSettings
 from gantrysim.machine.geometry import Geometry
 
 # keys of a validation's context
 _ALLOW_CODE = "allow_code"  # without it, code may run: the caller names it
+_NAME = re.compile(r"\w[\w .+-]*")  # which files and folders can have
 _BUILT = "built"  # list of the controller with the program: empty where it is yet to be built
 
 
@@ -49,7 +51,7 @@ class JobContent(BaseModel):
 
     model_config = STRICT
 
-    name: Annotated[str, Field(pattern=r"^[\w][\w .+-]*$")]
+    name: str
     machine: str = MACHINE
     travel: dict[str, tuple[float, float]] = {}
     names: dict[str, str] = {}
@@ -122,11 +124,23 @@ class JobContent(BaseModel):
                 reject_booleans(KINDS[table["kind"]], table, f"faults.{n}.")
         return value
 
+    @field_validator("name")
+    @classmethod
+    def _check_name(cls, value: str) -> str:
+        if not _NAME.fullmatch(value):
+            raise InputError(
+                f"name = {short_text(value)}: must be of letters, digits, spaces and any of _ . + -, and begin with a "
+                "letter, a digit or _"
+            )
+        return value
+
     @field_validator("program")
     @classmethod
     def _check_program(cls, value: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         values = dict(value)
-        name = str(values.pop("controller", None))
+        if "controller" not in values:
+            raise InputError(f"program.controller is missing: must be one of {', '.join(PROGRAMS)}")
+        name = str(values.pop("controller"))
         if is_code(name) and not (info.context or {}).get(_ALLOW_CODE, True):
             return value
         built: list[Controller] = (info.context or {}).get(_BUILT, [])

@@ -154,6 +154,8 @@ def read_job(job: str, controller: str | None = None, *, allow_code: bool = Fals
         if controller is not None:
             raise _own_program(job, controller)
         return JobSource(tomllib.loads(job_text(job)), Path(), f"job {job}")
+    if not job:
+        raise unknown("job", job, builtin_jobs())
     path = expanded_path(job)
     if not path.exists():
         check_whole(path.parent, f"job {job}")

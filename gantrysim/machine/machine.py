@@ -64,6 +64,8 @@ def model_file(model: str | Path) -> Path:
     builtin = builtin_models()
     if text in builtin:
         return Path(str(files("gantrysim.models") / f"{text}.xml"))
+    if not text:
+        raise unknown("model", text, builtin)
     path = expanded_path(text)
     check_regular(path, f"model {text}")
     if path.is_file():
@@ -185,7 +187,11 @@ class Machine:
             with quiet() as warnings:
                 self._build(self.source)
         except InputError as error:
-            raise InputError(f"model {self.source}: {error}") from None
+            text = str(error)
+            # of a table, which names its file
+            raise InputError(
+                text if text.startswith(f"machine {self.source}") else f"model {self.source}: {text}"
+            ) from None
         except (ArithmeticError, np.linalg.LinAlgError) as error:  # finite numbers whose products are not
             raise InputError(f"model {self.source}: has numbers too large or too small: {error}") from None
         self.geometry = stated_geometry(self.physics)

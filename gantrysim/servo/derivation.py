@@ -273,7 +273,7 @@ class AxisLoop:
             return self.trouble(frequency)
         nyquist = 0.5 / self._task.period
         where = "above" if mode > nyquist else "too near"
-        return f"{self.trouble(frequency)}, and its mode of {mode:.0f} Hz is {where} half the servo's, {nyquist:.0f} Hz"
+        return f"{self.trouble(frequency)}, and its mode of {mode:.0f} Hz is {where} half the servo's, {nyquist:.4g} Hz"
 
     def trouble(self, frequency: float, mode: float = notch.NONE) -> str:
         """Return which margin a notch, or none, leaves too small, in words."""

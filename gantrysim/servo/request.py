@@ -133,11 +133,13 @@ def checked_value(name: str, value: Any) -> Any:
     if name in _LAW_NAMES:
         return at_least(name, value, 0)
     if name in ("torque_limit", "following_error_limit"):
-        return value if value == math.inf else positive(name, value)
+        return value if value == math.inf else positive(name, value, "N·m" if name == "torque_limit" else "")
     if name == "resolution":
         return at_least("encoder resolution", value, 0, "mm")
     if name in _DRIVE_NAMES:
-        return between(name, value, 0, LARGEST_BANDWIDTH if name == "current_bandwidth" else _LARGEST_GAIN)
+        if name == "current_bandwidth":
+            return between(name, value, 0, LARGEST_BANDWIDTH, "Hz")
+        return between(name, value, 0, _LARGEST_GAIN)
     if abs(finite(name, value)) > _LARGEST_GAIN:
         raise InputError(f"{name} = {value:g}: must be at most {_LARGEST_GAIN:g}")
     return float(value)

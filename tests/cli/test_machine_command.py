@@ -45,7 +45,7 @@ def test_a_wrong_table_leaves_the_earlier_mjcf(gantrysim_command, tmp_path):
     (tmp_path / "a.toml").write_text(TABLE.read_text().replace("bridge = 2.4\n", "bridge = 0\n"))
     status, _, errors = gantrysim_command("machine", "new", tmp_path / "a.toml")
     assert status == 2
-    assert "masses.bridge = 0: input should be greater than 0" in errors
+    assert "masses.bridge = 0: must be greater than 0" in errors
     assert (tmp_path / "a.xml").read_text() == "earlier"
     status, _, errors = gantrysim_command("machine", "new", tmp_path / "a.xml")
     assert (status, "must be a TOML file" in errors) == (2, True)

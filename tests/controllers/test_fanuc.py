@@ -88,7 +88,7 @@ def test_an225_as_one_block():
 def test_end_point_beyond_its_tolerance_is_an_alarm_and_within_it_is_spread_over_the_angle():
     message = (
         "alarm 5123 OVER TOLERANCE OF END POINT in block N10 (line 1): radius at the end = 30 mm by Q, 31 mm by the "
-        "end point: difference 1 mm must be at most 0.999 mm"
+        "end point: difference 1 mm must be at most end_point_tolerance, 0.999 mm"
     )
     with pytest.raises(Alarm) as raised:
         block("X0 Y-31 Q-20", end_point_tolerance=0.999)

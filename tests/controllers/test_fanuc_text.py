@@ -90,7 +90,7 @@ def test_blocks_after_the_end_do_not_move(end):
         (
             "G02 X10 Y0 I3 F10",
             "020 OVER TOLERANCE OF RADIUS in block 1 (line 1): radius = 3 mm at the start, 7 mm at the end: difference "
-            "4 mm must be at most 0.01 mm",
+            "4 mm must be at most radius_tolerance, 0.01 mm",
         ),
         (
             "G02 X10 R3 F100",

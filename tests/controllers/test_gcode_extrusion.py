@@ -244,7 +244,7 @@ def test_holds_and_parts_keep_what_is_fed():
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("M900 K-1", "line 1: advance = -1: must be at least 0"),
+        ("M900 K-1", "line 1: pressure advance = -1 s: must be at least 0 s"),
         ("SET_PRESSURE_ADVANCE ADVANCE=x", "line 1: ADVANCE = X: must be a number"),
         ("SET_PRESSURE_ADVANCE ADVANCE=0.1 SMOOTH_TIME=1", "line 1: SMOOTH_TIME = 1 s: must be at most 0.2 s"),
         ("M221 S-5", "line 1: M221: S = -5 %: must be at least 0 %"),

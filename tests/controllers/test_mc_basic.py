@@ -247,7 +247,7 @@ def test_comments_and_continued_lines():
         ("print (-8)^0.5", "line 1: -8 ^ 0.5: has no finite value"),
         ("print sqrt(-1)", "line 1: sqrt(-1): has no finite value"),
         ("print {1, 2} + {1, 2, 3}", "line 1: {1 , 2} + {1 , 2 , 3}: must be points of one length"),
-        ("print {1, 2}{3}", "line 1: {1 , 2}{3}: must be a coordinate of a point"),
+        ("print {1, 2}{3}", "line 1: {1 , 2}{3}: must be a coordinate of the point, 1 to 2"),
         ("sub A\ncall A\nend sub\ncall A", "line 2: A: calls are nested more than 32 deep"),
         ("sub A(byval x as long)\nend sub\ncall A", "line 3: A of 0 arguments: must have 1"),
         ("dim s as string = \"ab\"\nwhile 1\ns = s + s\nend while",
@@ -308,7 +308,7 @@ def test_an_endless_program_is_refused(text):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"start": (0,)}, r"^start = \(0.0,\): must be 2 to 4 numbers$"),
+        ({"start": (0,)}, r"^start = \(0,\): must be 2 to 4 numbers, of x, y, z, r$"),
         ({"coordinates": ("x", "x")}, r"^coordinates = \('x', 'x'\): must be 2 to 4 different names of axes$"),
         ({"line_time": -1}, r"^line_time = -1 s: must be at least 0 s$"),
         ({"override": 0}, r"^override = 0 %: must be greater than 0 %$"),

@@ -296,7 +296,7 @@ def test_plain_drives_have_no_entries_and_a_job_can_name_them(xy):
         ({"feedback_delay": 17}, "feedback_delay = 17: must be 0 to 16"),
         ({"feedback_delay": 0.5}, "feedback_delay = 0.5: must be a whole number"),
         ({"encoder_noise": -1.0}, "encoder_noise = -1: must be 0"),
-        ({"current_bandwidth": -5.0}, "current_bandwidth = -5: must be 0 to 100000"),
+        ({"current_bandwidth": -5.0}, "current_bandwidth = -5 Hz: must be 0 to 100000 Hz"),
         ({"interpolation_error": 1e-3}, "signal_period = 0 mm: must be greater than 0 mm"),
     ],
 )

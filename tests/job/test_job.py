@@ -91,7 +91,7 @@ BAD = {
     ),
     "nan": (["speed=nan"], "speed = nan mm/s: must be finite"),
     "zero turns": (["turns=0"], "turns = 0: must be at least 1"),
-    "text": (["diameter=wide"], "program.diameter = 'wide': input should be a valid number"),
+    "text": (["diameter=wide"], "program.diameter = 'wide': must be a number"),
     "key": (
         ["loop_perod=1"],
         "unknown key 'loop_perod': did you mean program.loop_period.*\\? all keys",
@@ -105,7 +105,7 @@ BAD = {
     "tiny period": (["servo.period=1e-9"], "servo period = 1e-09 s: must be at least 1e-07 s"),
     "short period": (["servo.period=1.5e-7"], "10.1527 s in periods of 1.5e-07 s: makes 6.77e.07 ticks, at most 5e.07"),
     "endless settling": (["settle=1e9"], "1e.09 s in periods of 0.001 s: makes 1e.12 ticks"),
-    "reported once": (["kp=abc"], "^job an225: servo.kp = 'abc': input should be a valid number[^;]*$"),
+    "reported once": (["kp=abc"], "^job an225: servo.kp = 'abc': must be a number[^;]*$"),
     "machine": (["machine=xyq"], "unknown model 'xyq': did you mean xy"),
 }
 
@@ -135,8 +135,8 @@ FILES = {
         r"servo = 'x{59}: must be a table",
     ),
     "no table": ('name = "a"\nservo = 3\n[program]\n', r"servo = 3: must be a table, \[servo\]"),
-    "name": ('name = "../../a"\n[program]\ncontroller="trio.MoveSpiral"\n', "name = '../../a': string should match"),
-    "no controller": ('name = "a"\n[program]\ndiameter=100\n', "unknown controller 'None'"),
+    "name": ('name = "../../a"\n[program]\ncontroller="trio.MoveSpiral"\n', "name = '../../a': must be of letters"),
+    "no controller": ('name = "a"\n[program]\ndiameter=100\n', "program.controller is missing: must be one of trio"),
 }
 
 

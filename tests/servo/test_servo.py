@@ -123,10 +123,10 @@ BAD = {
     "long feedback delay": ({"feedback_delay": 10**6}, "feedback_delay = 1e[+]06: must be 0 to "),
     "per axis": ({"kp": [1.0, 2.0, 3.0]}, "kp has 3 values: must be one or 1, one per axis"),
     "gain": ({"kd": math.inf}, "kd = inf: must be finite"),
-    "torque": ({"torque_limit": 0.0}, "torque_limit = 0: must be greater than 0"),
+    "torque": ({"torque_limit": 0.0}, "torque_limit = 0 N·m: must be greater than 0 N·m"),
     "encoder": ({"resolution": -1e-3}, "encoder resolution = -0.001 mm: must be at least 0 mm"),
     # a current loop faster than the physics, and a seed that a table's number does not hold exactly
-    "current loop": ({"current_bandwidth": 1.01e5}, "current_bandwidth = 101000: must be 0 to 100000"),
+    "current loop": ({"current_bandwidth": 1.01e5}, "current_bandwidth = 101000 Hz: must be 0 to 100000 Hz"),
     "seed": ({"encoder_seed": 2**54}, r"encoder_seed = 1\.80144e\+16: must be at most 9\.0072e\+15"),
     "no mode": ({"mode": "fast"}, "servo mode = 'fast': must be one of 'torque', 'velocity', 'position', 'stepper'"),
     "no feedback": ({"feedback": "both"}, "servo feedback = 'both': must be one of 'motor', 'load', 'none'"),

@@ -146,6 +146,8 @@ class Drawing(Controller):
                     positive(f"{name} of {axis}", value, unit)
             object.__setattr__(self, name, tuple(map(float, values)))
         for name in ("layers", "glue"):
+            if isinstance(getattr(self, name), str):
+                raise InputError(f"{name} = {getattr(self, name)!r:.60}: must be a list of names")
             if isinstance(getattr(self, name), list):
                 object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.curve == "spline" and self.kind != "csv":

@@ -194,7 +194,7 @@ class _Layout:
             place[2] = -self._length(line, "z_down", values)
         if not max(map(abs, place)) <= LARGEST_COORDINATE:
             raise InputError(
-                f"line {line}: coordinate of {max(place, key=abs):g} mm: must be at most {LARGEST_COORDINATE:g} mm"
+                f"line {line}: coordinate of {max(place, key=abs):.10g} mm: must be within ± {LARGEST_COORDINATE:g} mm"
             )
         switch = (values.get("glue") or "1").lower()
         if switch not in _SWITCH:

@@ -237,7 +237,7 @@ def checked_stroke(stroke: Stroke) -> Stroke:
     worst = np.abs(stroke.points).max(initial=0.0)
     if not worst <= LARGEST_COORDINATE:
         raise InputError(
-            f"{stroke.where}: coordinate of {worst:g} mm: must be finite and at most {LARGEST_COORDINATE:g} mm"
+            f"{stroke.where}: coordinate of {worst:.10g} mm: must be finite and within ± {LARGEST_COORDINATE:g} mm"
         )
     return stroke
 

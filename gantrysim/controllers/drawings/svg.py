@@ -79,7 +79,8 @@ def read_svg(text: str, unit: float | None) -> Sheet:
 
 
 def _short(error: Exception) -> str:
-    return " ".join(str(error).split())[:100].rstrip(". ") or type(error).__name__
+    # the library raises errors without a text for numbers and commands that it cannot read
+    return " ".join(str(error).split())[:100].rstrip(". ") or "a path, length or transform that cannot be read"
 
 
 def _check(root: ElementTree.Element) -> dict[str, int]:
@@ -221,7 +222,10 @@ def _strokes(element: Any, names: frozenset[str], px: float, height: float) -> l
     shift = px * point(m.e, height - m.f)
 
     def place(points: Floats) -> Floats:
-        return points @ turn.T + shift
+        # numbers too large to be placed are refused by their stroke
+        with np.errstate(over="ignore", invalid="ignore"):
+            placed: Floats = points @ turn.T + shift
+        return placed
 
     subpaths: list[list[Shape]] = [[]]
     for segment in element.segments(transformed=False):

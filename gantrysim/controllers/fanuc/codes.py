@@ -133,7 +133,7 @@ def g04(state: ModalState, words: Words) -> list[Block]:
     seconds = words.values.pop("X", None)
     milliseconds = words.values.pop("P", None)
     time = seconds if seconds is not None else (milliseconds or 0.0) * 1e-3
-    if words.values or time < 0:
+    if words.values or time < 0 or (seconds is not None and milliseconds is not None):
         raise words.fail(9, "G04 must have X [s] or P [ms], at least 0, and no other address")
     return [Dwell(time=time)]
 

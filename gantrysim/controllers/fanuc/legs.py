@@ -121,7 +121,7 @@ def _arc(block: Arc, start: Vector, end: Vector, tolerance: float, fail: Fail) -
         raise fail(
             20,
             f"radius = {radius:.6g} mm at the start, {reached:.6g} mm at the end: "
-            f"difference {abs(reached - radius):.4g} mm must be at most {tolerance:g} mm",
+            f"difference {abs(reached - radius):.4g} mm must be at most radius_tolerance, {tolerance:g} mm",
         )
     return turn.coil(_angle(turn))
 
@@ -204,7 +204,7 @@ def _compare(words: tuple[str, str], computed: float, programmed: float, toleran
         raise fail(
             5123,
             f"{name} at the end = {computed:.6g} mm by {word}, {programmed:.6g} mm by the end point: "
-            f"difference {abs(computed - programmed):.4g} mm must be at most {tolerance:g} mm",
+            f"difference {abs(computed - programmed):.4g} mm must be at most end_point_tolerance, {tolerance:g} mm",
         )
 
 

@@ -212,6 +212,7 @@ class Program(Controller):
                 f"rotary_acceleration = {self.rotary_acceleration:g} deg/s²: must have a finite acceleration, "
                 "with which the path slows for it"
             )
+        whole_number("max_steps", self.max_steps, 1)
         for number, offset in self.offsets.items():
             finite(f"offset {number}", offset, "mm")
         if self.rotary_axis in _LINEAR:

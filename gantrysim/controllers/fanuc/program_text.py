@@ -152,11 +152,14 @@ def _set_modes(state: ModalState, words: Words) -> None:
             SETTINGS[name](state, words)
         elif name not in ACTIONS:
             raise words.fail(10, f"G{code:g}: must be one of {g_codes_in_short()}")
+    broken = [code for code in words.auxiliary if not code.is_integer()]
+    if broken:
+        raise words.fail(9, f"M{broken[0]:g}: must be a whole number")
     if "D" in words.values:
         state.offset_number = f"{words.values.pop('D'):g}"
         state.offset = float(state.offsets.get(state.offset_number, 0.0))
     state.spindle = words.values.get("S", state.spindle)
-    codes = [int(code) for code in words.auxiliary if code.is_integer()]
+    codes = [int(code) for code in words.auxiliary]
     if codes or "S" in words.values:
         state.outputs.switch(codes, words.values.get("P"), words.values.get("S"))
         if not NUMBERED.isdisjoint(codes):
@@ -192,6 +195,8 @@ def _motion(state: ModalState, words: Words) -> Block:
         "rounding": _corner(state, words, ",R"),
         "chamfer": _corner(state, words, ",C"),
     }
+    if arguments["rounding"] and arguments["chamfer"]:
+        raise words.fail(9, f",R{arguments['rounding']:g} and ,C{arguments['chamfer']:g}: must be one of them")
     state.zero_height = False
     block = MOTIONS[state.motion](state, words, arguments)
     if values:

@@ -330,7 +330,11 @@ class Sequence(Flow[Words]):
     @control("DO")
     def begin_loop(self, scanner: Scanner) -> int | None:
         """DO1 to DO3 without a condition."""
-        return self.following if _is_loop(scanner.remaining) else None
+        if not _is_loop(scanner.remaining):
+            return None
+        # its end, without which the controller does not run it
+        self.ahead((self._program_at(self.place), scanner.remaining), ("END",))
+        return self.following
 
     @control("END")
     def end_loop(self, scanner: Scanner) -> int | None:
@@ -345,7 +349,7 @@ class Sequence(Flow[Words]):
         target = scanner.target()
         if not scanner.take("="):
             raise InputError(f"{scanner.quoted_rest}: an assignment must have = after the variable")
-        value = scanner.expression()
+        value = scanner.expression("=")
         if scanner.remaining:
             raise InputError(f"{scanner.quoted_rest}: must be an operator or the end of the block")
         self.parameters.set(target, value(self.parameters))
@@ -392,6 +396,9 @@ class Sequence(Flow[Words]):
         values = words.values
         if "P" not in values:
             raise words.fail(76, "a call must have the number of the subprogram, P")
+        for letter, value in values.items():
+            if letter in "PL" and (value < 0 or value != int(value)):
+                raise words.fail(9, f"{letter}{value:g} of a call: must be a whole number of at least 0")
         times, number = divmod(int(values["P"]), 10000)
         times = int(values.get("L", times or 1))
         if number not in self._programs:

@@ -11,6 +11,7 @@ from gantrysim.controllers.gcode.dialects import Firmware
 
 _MOST_ADVANCES = 10_000  # settings of a program
 _LONGEST_SMOOTHING = 0.2  # Klipper's [s]
+LONGEST_ADVANCE = 10.0  # of the firmware of printers [s]
 SMOOTH_TIME = 0.04  # Klipper's, where a program states none [s]
 
 
@@ -122,8 +123,7 @@ class Extruder:
         Raises:
             InputError: a value out of bounds, or too many settings.
         """
-        for name, value in values.items():
-            at_least(name.replace("_", " "), value, 0)
+        at_least("pressure advance", values.get("advance", 0.0), 0, "s", LONGEST_ADVANCE)
         if values.get("velocity") == 0:
             raise InputError("velocity of the pressure advance = 0 mm/s: must be greater than 0 mm/s")
         if values.get("smooth_time", 0.0) > _LONGEST_SMOOTHING:

@@ -146,6 +146,8 @@ class GCode(Controller):
         whole_number("max_steps", self.max_steps, 1)
         if self.flow_output and not _FLOW_OUTPUT.fullmatch(self.flow_output):
             raise InputError(f'flow_output = "{self.flow_output}": must be "S", "M106", or with its number "M67 E0"')
+        if len(self.axis_speeds) != 3:
+            raise InputError(f"axis_speeds of {len(self.axis_speeds)} values: must be three, of x, y and z")
         for name, speed in zip("xyz", self.axis_speeds, strict=True):
             if speed != math.inf:
                 positive(f"axis_speeds {name}", speed, "mm/s")

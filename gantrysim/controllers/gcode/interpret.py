@@ -23,7 +23,7 @@ from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
 from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import FLOW, MoveTable, valve_of
 from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
-from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup, ProgramState, WordBlock
+from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup, ProgramState, WordBlock, tool_number
 from gantrysim.controllers.valve import SPEED_CODES, Valve
 
 # Codes that cutter compensation allows: all else would change what the offset path refers to.
@@ -192,8 +192,8 @@ class Interpreter:
         codes: list[str] = []
         auxiliary: list[int] = []
         block = self._sort_words(line, codes, auxiliary)
-        if "T" in block.values:
-            self._state.tools.selected = int(block.values["T"])
+        if "T" in block.values and not self._dialect.extrudes:
+            self._state.tools.selected = tool_number("T", block.values["T"])
         if self._halts(auxiliary, codes, block):
             self._state.halt()
         if auxiliary or "S" in block.values:
@@ -313,6 +313,9 @@ class Interpreter:
                 action = code
             else:
                 code.handler(state, block)
+        if "S" in block.values and not self._dialect.extrudes:
+            # before the motion of its block, whose feed per revolution it may be
+            state.modes.spindle = block.values["S"]
         if "F" in block.values:
             self._take_feed(block)
         for letter in state.setup.skip_axes:
@@ -390,11 +393,9 @@ class Interpreter:
         """Count words without an effect on the path; refuse others."""
         state = self._state
         for letter in [letter for letter in block.values if letter in self._dialect.letters]:
-            value = block.values.pop(letter)
+            del block.values[letter]
             # no effect here, but G95 feeds per revolution
-            if letter == "S":
-                state.modes.spindle = value
-            else:
+            if letter != "S":
                 state.ignored[letter] += 1
         # an axis that the machine lacks stands at 0, in either distance mode
         for letter in [

@@ -172,7 +172,8 @@ def statement(text: str, keywords: Keywords) -> ParsedLine:
             continue
         letter = scanner.remaining[0]
         if not ("A" <= letter <= "Z" or letter in "@^$"):
-            raise InputError(f"{scanner.quoted_rest}: must begin with a letter or #")
+            expressions = "; expressions stand in brackets, as [1+2]" if letter in "+-*/]" else ""
+            raise InputError(f"{scanner.quoted_rest}: must begin with a letter or #{expressions}")
         scanner.position += 1
         words.append((letter, scanner.value(letter)))
     return ParsedLine(tuple(words), tuple(settings))

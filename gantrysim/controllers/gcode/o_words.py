@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.errors import InputError, unknown, whole_number
 from gantrysim.controllers.gcode.lines import (
     FirmwareCommand,
     Keywords,
@@ -139,8 +139,8 @@ class ProgramLines(Flow[Words | FirmwareCommand]):
         """Call a subprogram by its number; the caller's parameters stay in force."""
         if "P" not in values:
             raise InputError("M98 without P: must have the number of a subprogram")
-        number = int(values["P"])
-        times = int(values.get("L", 1))
+        number = whole_number("M98 P", values["P"], 0)
+        times = whole_number("M98 L", values.get("L", 1), 0)
         if times < 1:
             return self.following
         return self.enter(self.start_of(str(number), ""), times)

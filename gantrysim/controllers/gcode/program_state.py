@@ -43,9 +43,23 @@ class Tools:
         return self.diameters.get(number, 0.0)
 
 
+def tool_number(word: str, value: float) -> int:
+    """Return the number of a tool that a word states, or raise InputError where it is none."""
+    if value < 0 or value != int(value):
+        raise InputError(f"{word}{value:g}: must be the number of a tool")
+    return int(value)
+
+
 # The limits that a program of printers' firmware has set so far.
 
 _MOST_SETTINGS = 10_000  # settings of a program, which may set them anew at every line
+_UNITS = {
+    "speed": "mm/s",
+    "axis_speeds": "mm/s",
+    "axis_accelerations": "mm/s²",
+    "corner_speed": "mm/s",
+    "deviation": "mm",
+}
 
 
 class LimitsInForce:
@@ -77,7 +91,7 @@ class LimitsInForce:
         for name, value in values.items():
             for number in value if isinstance(value, tuple) else (value,):
                 if number is not None and number != float("inf"):
-                    positive(name.replace("_", " "), number)
+                    positive(name.replace("_", " "), number, _UNITS[name])
         self._now = self._now._replace(**values)
         self._enter()
 

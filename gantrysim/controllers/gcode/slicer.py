@@ -14,10 +14,9 @@ from gantrysim.controllers.gcode.dialects import (
     firmware_of,
     stated_filament,
 )
+from gantrysim.controllers.gcode.extruder import LONGEST_ADVANCE
 from gantrysim.controllers.gcode.extrusion import AdvanceLaw
 from gantrysim.controllers.gcode.gcode_program import GCode
-
-_LONGEST_ADVANCE = 10.0  # [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +76,7 @@ class Program(GCode):
         firmwares = ("auto", "marlin", "klipper", "reprapfirmware")
         if self.firmware not in firmwares:
             raise unknown("firmware", self.firmware, firmwares)
-        at_least("pressure_advance", self.pressure_advance, 0, "s", _LONGEST_ADVANCE)
+        at_least("pressure_advance", self.pressure_advance, 0, "s", LONGEST_ADVANCE)
         if self.advance_law not in ("tanh", "reciprocal"):
             raise unknown("advance_law", self.advance_law, ("tanh", "reciprocal"))
         positive("corner_tolerance", self.corner_tolerance, "mm")

@@ -309,9 +309,9 @@ class Scanner:
         abscissa = self._close_bracket()
         return lambda parameters: math.degrees(math.atan2(ordinate(parameters), abscissa(parameters)))
 
-    def expression(self) -> Value:
-        """Read an expression that stands without brackets."""
-        return self._expression(0)
+    def expression(self, owner: str) -> Value:
+        """Read an expression that stands without brackets, behind what it belongs to."""
+        return self._expression(0, owner)
 
     def _close_bracket(self) -> Value:
         value = self._expression(0)
@@ -319,10 +319,10 @@ class Scanner:
             raise InputError(f"{self.quoted_rest}: must be an operator or ]")
         return value
 
-    def _expression(self, weakest: int) -> Value:
+    def _expression(self, weakest: int, owner: str = "[") -> Value:
         """Read operands and the operators between them that are stronger than the weakest, from left to right."""
         self._enter()
-        value = self.value("[")
+        value = self.value(owner)
         while True:
             start = self.position
             match = self.match(self._grammar.operator_pattern)

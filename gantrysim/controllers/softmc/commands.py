@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gantrysim.base.errors import InputError, finite
+from gantrysim.base.errors import InputError, between, finite
 from gantrysim.controllers.softmc.group import Nodal
 
 Coordinates = tuple[float, ...]  # x, y[, z[, r]]; omitted ones stay
 
 PLANES = ("XY", "XZ", "YZ")
+_FARTHEST = 1e6  # coordinate [mm or deg]
 
 
 class SoftMCError(InputError):
@@ -81,4 +82,4 @@ def _coordinates(name: str, values: Coordinates | None) -> Coordinates | None:
         return None
     if isinstance(values, str) or not hasattr(values, "__iter__"):
         raise SoftMCError(f"{name} = {values!r}: must be coordinates [mm]")
-    return tuple(finite(f"coordinate of {name}", value) for value in values)
+    return tuple(between(f"coordinate of {name}", value, -_FARTHEST, _FARTHEST) for value in values)

@@ -41,8 +41,7 @@ class Jet:
 
     def __post_init__(self) -> None:
         for name, unit in (("drop", "mm³"), ("top_rate", "Hz")):
-            if positive(f"{name} of the jet", getattr(self, name), unit) > LARGEST_VALUE:
-                raise InputError(f"{name} of the jet = {getattr(self, name):g} {unit}: must be at most 1e6 {unit}")
+            positive(f"{name} of the jet", getattr(self, name), unit, LARGEST_VALUE)
         if self.drop < _SMALLEST_DROP:
             raise InputError(f"drop of the jet = {self.drop:g} mm³: must be at least {_SMALLEST_DROP:g} mm³")
 

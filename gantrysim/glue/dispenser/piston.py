@@ -50,8 +50,7 @@ class Piston:
 
     def __post_init__(self) -> None:
         for name, unit in (("plunger", "mm"), ("compliance", "mm³/kPa")):
-            if positive(f"{name} of the piston", getattr(self, name), unit) > _LARGEST_VALUE:
-                raise InputError(f"{name} of the piston = {getattr(self, name):g}: must be at most {_LARGEST_VALUE:g}")
+            positive(f"{name} of the piston", getattr(self, name), unit, _LARGEST_VALUE)
         for name, unit in (("charge", "ml"), ("bulk_modulus", "MPa"), ("force", "N")):
             if getattr(self, name) != math.inf:
                 positive(f"{name} of the piston", getattr(self, name), unit)

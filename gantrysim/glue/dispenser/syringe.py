@@ -55,10 +55,7 @@ class Syringe:
 
     def __post_init__(self) -> None:
         for name, unit in (("volume", "ml"), ("dead_volume", "ml"), ("conductance", "dm³/(s·bar)")):
-            if positive(f"{name} of the syringe", getattr(self, name), unit) > _LARGEST_VALUE:
-                raise InputError(
-                    f"{name} of the syringe = {getattr(self, name):g} {unit}: must be at most {_LARGEST_VALUE:g}"
-                )
+            positive(f"{name} of the syringe", getattr(self, name), unit, _LARGEST_VALUE)
         if positive("fill of the syringe", self.fill) > 1:
             raise InputError(f"fill of the syringe = {self.fill:g}: must be at most 1")
         if at_least("critical_ratio of the syringe", self.critical_ratio, 0) >= 1:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, at_least, positive
+from gantrysim.base.errors import at_least, positive
 from gantrysim.glue.dispenser.pressurised import Line
 
 _LARGEST_VALUE = 1e9
@@ -48,8 +48,7 @@ class Pump:
 
     def __post_init__(self) -> None:
         for name, unit in (("displacement", "mm³/rev"), ("compliance", "mm³/kPa")):
-            if positive(f"{name} of the pump", getattr(self, name), unit) > _LARGEST_VALUE:
-                raise InputError(f"{name} of the pump = {getattr(self, name):g}: must be at most {_LARGEST_VALUE:g}")
+            positive(f"{name} of the pump", getattr(self, name), unit, _LARGEST_VALUE)
         at_least("leak of the pump", self.leak, 0, "mm³/(s·kPa)", _LARGEST_VALUE)
         if self.torque != math.inf:
             positive("torque of the pump", self.torque, "N·m")

@@ -210,6 +210,8 @@ class Motor(Table):
         missing = [name for name in needed if getattr(self, name) is None]
         if missing:
             raise InputError(f"{' and '.join(missing)} of a {self.kind} motor missing")
+        if self.steps and not self.pole_pairs:
+            raise InputError(f"pole_pairs of a {self.kind} motor missing: 50 with full steps of 1.8 deg")
         if self.steps and self.torque_constant is not None:
             raise InputError(
                 "torque_constant of a stepper: follows from holding_torque and rated_current, leave it out"

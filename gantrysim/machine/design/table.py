@@ -10,10 +10,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.input_files import read_toml, validated_model
+from gantrysim.base.input_files import field_names, one_line, read_toml
 from gantrysim.machine.design.library import AC_SERVO, PER_RMS, RPM, Motor, counts_of, motor_of
 from gantrysim.machine.design.settings import Count, NotNegative, Positive, Table, key
 from gantrysim.machine.geometry import SCREWS
@@ -213,18 +213,17 @@ class Drive(Table):
     @model_validator(mode="after")
     def _check_steps(self) -> Self:
         kind = self.known_motor.kind
+        motor = f"{'an' if kind[0] in 'aeiou' else 'a'} {kind} motor"
         if self.encoder is None and kind != "stepper":
-            raise InputError(f"encoder is missing, a {kind} motor needs it")
+            raise InputError(f"encoder is missing, {motor} needs it")
         if self.mode == "stepper" and kind != "stepper":
-            raise InputError(
-                f"mode = 'stepper': a {kind} motor runs in a closed loop; use torque, velocity or position"
-            )
+            raise InputError(f"mode = 'stepper': {motor} runs in a closed loop; use torque, velocity or position")
         if self.microsteps is not None and kind != "stepper":
-            raise InputError(f"microsteps: a {kind} motor has none, leave it out")
+            raise InputError(f"microsteps: {motor} has none, leave it out")
         if self.current is not None and kind == AC_SERVO:
             raise InputError(f"current = {self.current:g} A: the drive of an ac servo is rated in A rms: current_rms")
         if self.current_rms is not None and kind != AC_SERVO:
-            raise InputError(f"current_rms: a {kind} motor has no phases with rms currents, give current")
+            raise InputError(f"current_rms: {motor} has no phases with rms currents, give current")
         return self
 
     @cached_property
@@ -363,7 +362,8 @@ class MachineTable(Table):
         }
         for name, (value, has_key) in keys.items():
             if has_key and value is None:
-                raise InputError(f"{name} is missing, arrangement = {kind!r} needs it")
+                needs = "the z axis" if name == "masses.ram" else f"arrangement = {kind!r}"
+                raise InputError(f"{name} is missing, {needs} needs it")
             if not has_key and value is not None:
                 machine = "a machine without z" if name == "masses.ram" else f"arrangement = {kind!r}"
                 raise InputError(f"{name}: {machine} has none, leave it out")
@@ -387,4 +387,8 @@ def read_table(file: Path) -> MachineTable:
         InputError: a file that cannot be read, or a key that is unknown, missing or out of its bounds.
     """
     label = f"machine {file}"
-    return validated_model(MachineTable, read_toml(file, label), label)
+    try:
+        return MachineTable.model_validate(read_toml(file, label))
+    except ValidationError as error:
+        known = field_names(MachineTable)
+        raise InputError(f"{label}: {one_line(error, known, located=True)}") from None

@@ -173,5 +173,6 @@ class BaseLaw(Law):
 
 
 def in_words(values: Sequence[float]) -> str:
-    """Return values of all axes as text."""
-    return " ".join(f"{value:g}" for value in values)
+    """Return values of all axes as text: one where they are the same."""
+    shown = [f"{value:g}" for value in values]
+    return ", ".join(shown if len(set(shown)) > 1 else shown[:1])

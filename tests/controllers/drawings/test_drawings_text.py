@@ -133,8 +133,8 @@ def test_any_text_is_read_or_refused_in_one_line(text, kind):
         ("x,y,time [h]\n0,0,1\n", r"column time is in 'h': must be in s"),
         ("x,z\n0,0\n", r"line 1: columns x, z: must have x and y"),
         ("x,y,kind\n1,2,dot\n0,0,dot\n", "nothing is traced; ignored: 2 dot; must have"),
-        ("0,0\n2e6,0\n", r"line 2: coordinate of 2e\+06 mm: must be at most 1e\+06 mm"),
-        (svg('<path d="M0 0h2e6"/>'), r"svg: <path>: coordinate of 2e\+06 mm: must be finite and at most 1e\+06 mm"),
+        ("0,0\n2e6,0\n", r"line 2: coordinate of 2000000 mm: must be within ± 1e\+06 mm"),
+        (svg('<path d="M0 0h2e6"/>'), r"svg: <path>: coordinate of 2000000 mm: must be finite and within ± 1e\+06 mm"),
         ("AutoCAD Binary DXF\r\n\x1a\x00", r"dxf: binary: must be saved as an ASCII DXF"),
         (
             dxf(group((0, "TEXT"), (8, "0"), (10, 0.0), (20, 0.0), (40, 1.0), (1, "a"))),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, auxiliary, without_effect
-from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock, tool_number
 
 _LINUXCNC = (LINUXCNC,)
 _OUTPUT_WORDS = "PQERL"  # of outputs, inputs and commands of the user's own
@@ -136,7 +136,7 @@ def m60(state: ProgramState, block: WordBlock) -> None:
 @auxiliary(_LINUXCNC)
 def m61(state: ProgramState, block: WordBlock) -> None:
     """Number Q of the tool in the spindle."""
-    _put_in_spindle(state, int(block.values.get("Q", 0)), "M61")
+    _put_in_spindle(state, tool_number("M61 Q", block.values.get("Q", 0)), "M61")
     block.drop(_OUTPUT_WORDS)
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, at_least
 from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, SLICER, refused_code, setting, without_effect
 from gantrysim.controllers.gcode.coordinate_systems import INCH
 from gantrysim.controllers.gcode.move_table import EXACT_PATH, EXACT_STOP
-from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock, tool_number
 
 _COMPENSATION = "cutter compensation"
 _LINUXCNC = (LINUXCNC,)
@@ -92,7 +92,7 @@ def g49(state: ProgramState, block: WordBlock) -> None:
 
 
 def _length_of_tool(state: ProgramState, block: WordBlock) -> float:
-    return state.frames.tools.get(int(block.values.pop("H", state.tools.in_spindle)), 0.0)
+    return state.frames.tools.get(tool_number("H", block.values.pop("H", state.tools.in_spindle)), 0.0)
 
 
 @setting("corners")
@@ -120,8 +120,9 @@ def g64(state: ProgramState, block: WordBlock) -> None:
     state.modes.blend(tolerance * unit if tolerance else state.setup.path_mode)
     if naive is not None:
         state.modes.naive = naive * unit
-    if min(state.modes.path, state.modes.naive) < 0:
-        raise InputError("G64: P and Q must be at least 0")
+    for letter, length in (("P", tolerance), ("Q", naive)):
+        if length is not None:
+            at_least(f"G64: {letter}", length * unit, 0, "mm")
 
 
 @setting("distances")
@@ -211,10 +212,7 @@ def g42_1(state: ProgramState, block: WordBlock) -> None:
 
 
 def _diameter_of_tool(state: ProgramState, block: WordBlock) -> float:
-    number = block.values.pop("D", state.tools.in_spindle)
-    if number < 0 or number != int(number):
-        raise InputError(f"D{number:g}: must be the number of a tool")
-    return state.tools.diameter(int(number))
+    return state.tools.diameter(tool_number("D", block.values.pop("D", state.tools.in_spindle)))
 
 
 def _diameter_given(state: ProgramState, block: WordBlock, name: str) -> float:

@@ -104,7 +104,8 @@ def g4(state: ProgramState, block: WordBlock) -> None:
         times = [0.0]
     if not times or min(times) < 0:
         letters = " or ".join(letter for letter, _ in words)
-        raise InputError(f"G4: must have {letters}, at least 0")
+        stated = f" of {min(times):g} s" if times else ""
+        raise InputError(f"G4{stated}: must have {letters}, at least 0")
     state.pause(times[0])
 
 
@@ -224,7 +225,7 @@ def _words(state: ProgramState, block: WordBlock, name: str, needed: tuple[str, 
     if missing:
         raise InputError(f"{name} without {missing[0]}: must have {', '.join(needed)}")
     if words.get("P", 0.0) < 0:
-        raise InputError(f"{name}: P = {words['P']:g} s: must be at least 0")
+        raise InputError(f"{name}: P = {words['P']:g} s: must be at least 0 s")
     state.cycle.name = name
     state.cycle.words = words
     return words

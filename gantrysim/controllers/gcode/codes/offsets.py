@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, action, setting
-from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock, tool_number
 from gantrysim.controllers.placement import higher
 
 _AXES = "XYZ"
@@ -20,10 +20,11 @@ def g10(state: ProgramState, block: WordBlock) -> None:
     if kind in (2, 20):
         frames.set_offset(number, block.values, current=kind == 20)
     elif kind == 1:
+        tool = tool_number("G10 L1 P", number)
         if "Z" in block.values:
-            frames.tools[int(number)] = frames.unit * block.values.pop("Z")
+            frames.tools[tool] = frames.unit * block.values.pop("Z")
         if "R" in block.values:
-            state.tools.diameters[int(number)] = 2 * frames.unit * block.values.pop("R")
+            state.tools.diameters[tool] = 2 * frames.unit * block.values.pop("R")
         block.drop(_TABLE_WORDS)
     elif kind in (0, 10, 11):
         state.ignored[f"G10 L{kind:g}"] += 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gantrysim.base.errors import InputError, at_least
 from gantrysim.controllers.gcode.codes.code_table import SLICER, action, auxiliary, command, without_effect
-from gantrysim.controllers.gcode.extruder import SMOOTH_TIME
+from gantrysim.controllers.gcode.extruder import LONGEST_ADVANCE, SMOOTH_TIME
 from gantrysim.controllers.gcode.motion_limits import UNLIMITED, Three
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
@@ -269,8 +269,13 @@ def m572(state: ProgramState, block: WordBlock) -> None:
 @auxiliary(_SLICER)
 def m900(state: ProgramState, block: WordBlock) -> None:
     """Linear advance K of Marlin [s]."""
-    if "K" in block.values:
-        state.extruder.set_advance(advance=block.values["K"], smooth_time=0.0)
+    if "K" not in block.values:
+        return
+    if block.values["K"] > LONGEST_ADVANCE:
+        # a factor of another law, of Marlin before 1.1.9; later ones refuse it and go on as they were
+        state.ignored[f"M900 K above {LONGEST_ADVANCE:g}"] += 1
+        return
+    state.extruder.set_advance(advance=block.values["K"], smooth_time=0.0)
 
 
 @command()

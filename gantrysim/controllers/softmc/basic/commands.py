@@ -272,7 +272,7 @@ def _sampled_columns(tree: Node) -> Callable[[RoutineFrame], list[Column]]:
         if which is None:
             return [Column(f"{what}{{{k + 1}}}", what, k) for k in range(count)]
         k = number("coordinate's number", which(scope))
-        if not 1 <= k <= len(AXES):
+        if not 1 <= k <= len(AXES) or k != int(k):
             raise SoftMCError(f"{what}{{{k:g}}}: must be 1 to {len(AXES)}")
         return [Column(f"{what}{{{k:g}}}", what, int(k) - 1)]
 

@@ -332,8 +332,10 @@ def _component(tree: Node) -> Expression:
     def value(scope: RoutineFrame) -> Value:
         point = whole(scope)
         k = number("coordinate's number", which(scope))
-        if not isinstance(point, Point) or not 1 <= k <= len(point.values):
+        if not isinstance(point, Point):
             raise SoftMCError(f"{text_of(point)}{{{k:g}}}: must be a coordinate of a point")
+        if not 1 <= k <= len(point.values) or k != int(k):
+            raise SoftMCError(f"{text_of(point)}{{{k:g}}}: must be a coordinate of the point, 1 to {len(point.values)}")
         return point.values[int(k) - 1]
 
     return value

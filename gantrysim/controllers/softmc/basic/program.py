@@ -150,10 +150,14 @@ class Basic(Controller):
         if not 2 <= len(self.coordinates) <= len(AXES) or len(set(self.coordinates)) < len(self.coordinates):
             raise InputError(f"coordinates = {self.coordinates}: must be 2 to {len(AXES)} different names of axes")
         if self.start is not None:
-            start = tuple(finite("start", value, "mm") for value in self.start)
-            if not 2 <= len(start) <= len(self.coordinates):
-                raise InputError(f"start = {start}: must be 2 to {len(self.coordinates)} numbers")
-            object.__setattr__(self, "start", start)
+            most = len(self.coordinates)
+            is_listed = hasattr(self.start, "__iter__") and not isinstance(self.start, str)
+            if not is_listed or not 2 <= len(self.start) <= most:
+                names = ", ".join(self.coordinates)
+                wanted = "2" if most == 2 else f"2 to {most}"
+                raise InputError(f"start = {self.start!r}: must be {wanted} numbers, of {names}")
+            named = zip(self.coordinates, self.start, strict=False)
+            object.__setattr__(self, "start", tuple(finite(f"start {name}", value) for name, value in named))
         at_least("line_time", self.line_time, 0, "s")
         whole_number("output", self.output, 0)
         positive("override", self.override, "%")

@@ -7,7 +7,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
 
-from gantrysim.base.errors import unknown, whole_number
+from gantrysim.base.errors import at_least, positive, unknown, whole_number
 from gantrysim.controllers.softmc.basic.values import Element, Value, number
 from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.controllers.softmc.group import PROFILE_TYPES, Group
@@ -95,6 +95,19 @@ RECORDED = ("pcmd", "pfb", "pe", "vcmd", "vfb", "setpoint")
 READ_ONLY = frozenset(("pcmd", "pfb", "setpoint", "ismoving", "issettled", "clock", "time"))
 NAMES = EFFECTIVE | IDLE | READ_ONLY | frozenset(RECORDED)
 _STARTS = (2, 3)  # in position, generator completed
+# units of those that are bounded; lengths are in the user's
+_ABOVE_ZERO = {
+    "vcruise": "",
+    "vtran": "",
+    "acc": "",
+    "dec": "",
+    "jerk": "",
+    "vord": "%",
+    "pemax": "",
+    "positionerrorsettle": "",
+    "velocitysafetylimit": "",
+}
+_FROM_ZERO = {"timesettle": "ms", "positionerrordelay": ""}
 
 
 def canonical(name: str) -> str:
@@ -118,13 +131,18 @@ def checked_property(element: Element, name: str, value: Value) -> tuple[str, Va
         raise unknown("property", name, EFFECTIVE | IDLE)
     if short not in EFFECTIVE | IDLE:
         raise SoftMCError(f"{name}: can be read only")
-    if element.kind == "group" and short in EFFECTIVE:
+    # the override of the system is in effect, too
+    if short in EFFECTIVE and (element.kind == "group" or short == "vord"):
         value = number(name, value)
         _check(name, short, value)
     return short, value
 
 
 def _check(name: str, short: str, value: float) -> None:
+    if short in _ABOVE_ZERO:
+        positive(name, value, _ABOVE_ZERO[short])
+    if short in _FROM_ZERO:
+        at_least(name, value, 0, _FROM_ZERO[short])
     if short in ("abs", "en", "dispense") and value not in (0, 1):
         raise SoftMCError(f"{name} = {value:g}: must be 0 or 1")
     if short == "blendingmethod" and value:

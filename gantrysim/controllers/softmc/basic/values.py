@@ -211,7 +211,9 @@ def compare(symbol: str, a: Value, b: Value) -> float:
     """
     same = (isinstance(a, float) and isinstance(b, float)) or (isinstance(a, str) and isinstance(b, str))
     if not same and not (isinstance(a, Point) and isinstance(b, Point) and symbol in ("=", "<>")):
-        raise SoftMCError(f"{text_of(a)} {symbol} {text_of(b)}: must be two numbers or two strings")
+        raise SoftMCError(
+            f"{text_of(a)} {symbol} {text_of(b)}: must be two numbers or two strings, or with = and <> two points"
+        )
     return float(COMPARISONS[symbol](a, b))
 
 

@@ -144,10 +144,7 @@ class _Run:
             if not state.processes and motion.resting(self._recorded):
                 break
             if state.tick >= most:
-                raise InputError(
-                    f"line {lines[-1]}: the program still runs after {self._limits.time:g} s: must end before, or "
-                    "raise time_limit, or give stop_after to take the first seconds"
-                )
+                raise self._endless(lines[-1], axes)
             waits = is_settled and all(process.polls and process.blocked is not None for process in state.processes)
             if not (waits and motion.resting(self._recorded)):
                 resting_since = state.tick
@@ -174,6 +171,15 @@ class _Run:
         set_points = None if self._glue.set_point is None else flow
         active = np.frombuffer(lines, np.int64).repeat(counts)
         return Trace(motion.period, position, is_on > 0, set_points, active, state)
+
+    def _endless(self, line: int, axes: list[Axis]) -> InputError:
+        """Return the error for a program that has not ended."""
+        stuck = [axis.number for axis in axes if axis.member is not None and not axis.speed]
+        still = f", as axis {stuck[0]} is to move at SPEED = 0" if stuck else ""
+        return InputError(
+            f"line {line}: the program still runs after {self._limits.time:g} s{still}: must end before, or raise "
+            "time_limit, or give stop_after to take the first seconds"
+        )
 
     def _stop(self) -> None:
         """Stop the processes and bring the axes to rest."""
@@ -214,7 +220,8 @@ def set_point(word: str) -> SetPoint:
     last = first if parts[3] is None else int(parts[3])
     most = {"AOUT": MOST_ANALOGUE, "DAC AXIS": MOST_AXES, "OP": MOST_OUTPUTS}[kind]
     if not (0 <= last - first < MOST_BITS and last < most):
-        raise InputError(f'flow_output = "{word}": must be up to {most - 1}, of at most {MOST_BITS} bits')
+        bits = f", the first output first and of at most {MOST_BITS} bits" if kind == "OP" else ""
+        raise InputError(f'flow_output = "{word}": must be up to {most - 1}{bits}')
     if kind == "AOUT":
         return lambda state: state.analogue.get(first, 0.0)
     if kind == "DAC AXIS":

@@ -80,7 +80,10 @@ def notes_of(state: State, stop_after: float, outputs: tuple[int, str], stated: 
         )
     if valve not in state.switched:
         others = ", ".join(f"OP({output})" for output in sorted(state.switched))
-        remedy = f"; {others} are, and --set program.valve={min(state.switched)} makes one the valve" if others else ""
+        are, it = ("is", "it") if len(state.switched) == 1 else ("are", "one")
+        remedy = (
+            f"; {others} {are}, and --set program.valve={min(state.switched)} makes {it} the valve" if others else ""
+        )
         notes.append(
             f"OP({valve}) is never switched: the dispenser is on while the axes move, but not straight up or "
             f"down{remedy}"
@@ -295,10 +298,14 @@ class Basic(Controller):
             raise InputError(f"axis_numbers = {list(numbers)}: must be at most {MOST_AXES - 1}")
         start = tuple(finite(f"start {name}", value) for name, value in zip(_AXES, self.start, strict=False))
         if not 2 <= len(self.start) <= len(_AXES) or (numbers and len(start) > len(numbers)):
-            raise InputError(f"start = {list(self.start)}: must be 2 to {len(numbers) or 4} numbers, x, y[, z[, r]]")
+            wanted = ("2 numbers, x, y", "2 or 3 numbers, x, y[, z]", "2 to 4 numbers, x, y[, z[, r]]")
+            raise InputError(f"start = {list(self.start)}: must be {wanted[(len(numbers) or 4) - 2]}")
         object.__setattr__(self, "axis_numbers", numbers)
         object.__setattr__(self, "start", start)
-        object.__setattr__(self, "inputs", tuple(whole_number("inputs", number, 0) for number in self.inputs))
+        inputs = tuple(whole_number("inputs", number, 0) for number in self.inputs)
+        if max(inputs, default=0) >= MOST_OUTPUTS:
+            raise InputError(f"inputs = {list(inputs)}: must be at most {MOST_OUTPUTS - 1}")
+        object.__setattr__(self, "inputs", inputs)
         if whole_number("valve", self.valve, 0) >= MOST_OUTPUTS:
             raise InputError(f"valve = {self.valve}: must be at most {MOST_OUTPUTS - 1}")
         if self.flow_output:
