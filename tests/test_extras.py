@@ -59,6 +59,11 @@ class Imports(ast.NodeVisitor):
         self.imported = set()
         self.extra = None
 
+    def visit(self, node):
+        # an expression holds no import
+        if not isinstance(node, ast.expr):
+            super().visit(node)
+
     def visit_Import(self, node):
         self.imported |= {(alias.name.partition(".")[0], self.extra) for alias in node.names}
 
