@@ -32,7 +32,7 @@ pytestmark = pytest.mark.usefixtures("blank_pictures")
 
 OF_GRID = 1.05  # largest ratio of the metric found to the best of an exhaustive grid
 EXACT = 1e-12  # relative
-BUDGET = 26  # runs of the search that most tests share
+BUDGET = 16  # runs of the search that most tests share
 NEAR = 1e-3  # relative, of margins found along another grid of frequencies
 
 
