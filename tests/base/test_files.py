@@ -16,6 +16,7 @@ from gantrysim.base.files import PARTIAL, SWAP, ReplacedError, complete, held_fo
 from gantrysim.base.signals import ENDING, deferred, handled, interrupt
 
 from support.kills import forked
+from support.soaked import suite_runs
 from support.studies import PATIENCE, content
 
 NAMES = ("a.txt", "b.txt", "c.txt", "plots/d.txt", "plots/e.txt")
@@ -57,7 +58,7 @@ def old(tmp_path):
     return folder
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM], ids=lambda number: number.name)
+@pytest.mark.parametrize("number", suite_runs([signal.SIGKILL, signal.SIGTERM], 0), ids=lambda number: number.name)
 def test_at_every_access_a_signal_leaves_the_old_files_or_the_new_ones(tmp_path, old, number):
     def action():
         with handled(interrupt):

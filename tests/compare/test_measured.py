@@ -81,7 +81,7 @@ def test_shift_offset_and_turn_are_found_again(run, late, x, rate, turn, link):
     "the noise",
     "2 %",
 )
-@pytest.mark.parametrize("turn", [0.0, 25.0])
+@pytest.mark.parametrize("turn", suite_runs([0.0, 25.0], 1))
 def test_noise_on_the_nozzle_is_all_that_the_model_does_not_explain(run, turn):
     sigma = 2e-3
     time, nozzle = logged(run, "nozzle", 1730.0, 3.21765, np.array([12.3, -4.5, 1.0]), turn, sigma)
@@ -516,8 +516,16 @@ def test_a_wrong_scale_and_a_wrong_clock_are_named(run):
     trace = Trace(time * (1 + 50e-6), {"encoder": encoder}, None)
     (clock,) = [note for note in Comparison.of(trace, run, MACHINE, ("time", "offset")).notes if "most" in note]
     assert clock.startswith("the trace's clock runs fast by 50 ppm")
+    with pytest.raises(InputError, match=r"x: the trace is 1\.03 times the run: a column in another unit"):
+        notes(time, encoder * (1.03, 1.0))
+
+
+@pytest.mark.soak
+def test_inches_are_named(run):
+    """So far from the run that its axes are tried in every order, too."""
+    time, encoder = logged(run, "encoder", 1000.0, 0.3, 5.0, noise=1e-3)
     with pytest.raises(InputError, match=r"x: the trace is 0\.03937 times the run: a column in another unit"):
-        notes(time, encoder / 25.4)
+        _ = Comparison.of(Trace(time, {"encoder": encoder / 25.4}, None), run, MACHINE).notes
 
 
 @pytest.mark.parametrize(("factor", "refused"), suite_runs([(1e3, True), (2.1, True), (1.9, False)], 1))
@@ -576,7 +584,7 @@ TURNS = "G21 G90 G64 P0.01\nG0 X0 Y0\nG{} X0 Y0 I20 J0 P2 F3000\nM2\n"
 OVAL = 0.05  # amplitude of the ellipse that is added to the trace [mm]
 
 
-@pytest.mark.parametrize("code", [2, 3])
+@pytest.mark.parametrize("code", suite_runs([2, 3], 0))
 def test_the_command_gives_the_circle_of_a_trace_beside_that_of_the_run(tmp_path, gantrysim_command, code):
     """Its radial range over the middle 360 degrees, by the trace itself, in both directions from the angle of 180."""
     (tmp_path / "turns.ngc").write_text(TURNS.format(code))

@@ -9,6 +9,8 @@ from gantrysim.controllers.softmc import Basic
 from gantrysim.controllers.softmc.basic import program
 from gantrysim.controllers.softmc.basic.execution import Waits
 
+from support.soaked import number_of_examples
+
 BEGIN = "dim k as long\ndim n as long\nmove {0, 0}\nmove {30, 20} vcruise = 40\n"
 WAIT = "while ismoving\nsleep 3\nend while\n"
 COUNTED_WAIT = "while ismoving\nsleep 1\nk = k + 1\nend while\n"
@@ -101,7 +103,7 @@ def test_a_wait_for_what_never_comes_is_run_to_the_limit(monkeypatch):
 def test_random_waits_are_the_same_either_way(monkeypatch):
     choice = random.Random(4)
     total = 0
-    for _ in range(30):
+    for _ in range(number_of_examples(30)):
         parts = choice.choices([*LOOPS.values(), *WATCHING.values(), "k = 0\n", "move {8, k} vcruise = 90\n"], k=4)
         if choice.random() < 0.3:
             parts.insert(2, f"while ismoving\n{parts[0]}sleep {choice.choice(['1', '0', 'k'])}\nend while\n")
@@ -109,4 +111,4 @@ def test_random_waits_are_the_same_either_way(monkeypatch):
             BEGIN + "".join(parts) + END, monkeypatch, line_time=choice.choice([0.0, 1e-5, 1e-3]), max_statements=30_000
         )
         total += skipped
-    assert total > 1000
+    assert total > number_of_examples(1000)

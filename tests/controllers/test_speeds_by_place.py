@@ -15,6 +15,8 @@ from gantrysim.controllers.gcode.slicer import Program as Slicer
 from gantrysim.controllers.speeds import with_feed_words, with_flow_words
 from gantrysim.job.job import Job
 
+from support.soaked import suite_runs
+
 PERIOD = 0.001  # [s]
 SEMICOLON = r"\([^)]*\)|;.*"
 
@@ -158,7 +160,7 @@ def test_the_speed_along_a_spiral_is_linear_between_the_places_of_its_table():
     assert speed[5:-20] == pytest.approx(expected[5:-20], abs=0.7)
 
 
-@pytest.mark.parametrize("waits", [0.0, 0.001])
+@pytest.mark.parametrize("waits", suite_runs([0.0, 0.001], 1))
 @pytest.mark.parametrize("height", [0.0, 5.0])
 def test_the_listing_moves_the_axes_as_the_spiral_does(waits, height):
     spiral = trio.MoveSpiral(

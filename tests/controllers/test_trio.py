@@ -178,7 +178,7 @@ def test_interpreter_time_moves_the_end(interpreter_time, end_x):
 def test_interpreter_time_shrinks_the_local_pitch(interpreter_time):
     """To first order thickness / (1 + d / (T x)), with x half a turn on: between the two turns."""
     spiral = note(interpreter_time=interpreter_time)
-    spacing = metrics.spacing(spiral.generated, trace_of(spiral))
+    spacing = metrics.spacing(spiral.generated, trace_of(spiral)[::4])
     radius = 1 / np.abs(spiral.generated.curvature(spacing.s)) - 0.5 * spacing.distance
     pitch = 10 / (1 + interpreter_time / (0.1 * radius / 60))
     assert np.all(np.abs(spacing.distance - pitch) <= PITCH_SECOND_ORDER * (10 - pitch))

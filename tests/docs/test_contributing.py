@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from support.syntax import tree_of
+from support.syntax import nodes_of
 
 ROOT = Path(__file__).parent.parent.parent
 PACKAGE = ROOT / "gantrysim"
@@ -85,7 +85,7 @@ def imported_rooms(room):
     exceptions = named_exceptions()
     for file in (PACKAGE / room).rglob("*.py"):
         module = ".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts)
-        for node in ast.walk(tree_of(file.read_text(encoding="utf-8"))):
+        for node in nodes_of(file.read_text(encoding="utf-8")):
             imported = (node.module or "") if isinstance(node, ast.ImportFrom) else ""
             if imported.startswith("gantrysim.") and f"{module} -> {imported}" not in exceptions:
                 rooms.add(imported.split(".")[1])

@@ -89,7 +89,7 @@ def kicked(machine, servo, axis, factor):
     return run.fault is not None or error[-50:].max() > error[400:450].max()
 
 
-@pytest.mark.parametrize("case", suite_runs(list(CASES), 0, 2, 4))
+@pytest.mark.parametrize("case", suite_runs(list(CASES), 0, 4))
 @pytest.mark.parametrize("mode", LOOPS)
 def test_margins_know_the_loop_in_the_drive(xy, mode, case):
     servo = plain(xy, feedforward=0.0, mode=mode, **CASES[case])

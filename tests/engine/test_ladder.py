@@ -164,7 +164,7 @@ def kicked(machine, servo, factor):
     return run.fault is not None or np.any(error[-60:].max(axis=0) > error[400:460].max(axis=0))
 
 
-@pytest.mark.parametrize("law", ["p-pi", "observer"])
+@pytest.mark.parametrize("law", suite_runs(["p-pi", "observer"], 0))
 def test_margins_are_those_of_the_loop_with_its_law(xy, law):
     """The gain margin is where a kick begins to grow."""
     given = {"law": law, "resolution": 0.0, "notch_frequency": 0.0, "frequency": 10.0, "integral_time": 0.01}

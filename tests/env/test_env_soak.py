@@ -102,7 +102,7 @@ def environment(kind, **settings):
 @linux
 @pytest.mark.parametrize("kind", suite_runs(["scalar", "vector", "bandit"], 1))
 def test_random_actions_give_finite_values_and_leak_nothing(kind):
-    early, late, ends = soak(environment(kind, **SHORT), 40, 20)
+    early, late, ends = soak(environment(kind, **SHORT), 24, 12)
     assert (late.threads, late.files, late.episodes) == (early.threads, early.files, early.episodes)
     assert min(ends) > 3
 

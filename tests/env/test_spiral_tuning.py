@@ -24,7 +24,7 @@ from gantrysim.servo.servo import Servo
 
 from support.costs import expected_cost
 from support.episodes import returned, same, seen
-from support.soaked import examples
+from support.soaked import examples, suite_runs
 
 TASK = "gantrysim/SpiralTuning-v0"
 BRIEF = {"diameter": 28.0, "turns": 4, "thickness": 2.0, "speed": 300.0}
@@ -301,7 +301,7 @@ def test_the_checkers_pass(own):
     env.close()
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", suite_runs(range(3), 0))
 def test_bold_actions_stay_in_the_spaces_and_end(seed):
     env = gymnasium.make(TASK, max_episode_steps=10_000)
     random, bound = np.random.default_rng(seed), env.unwrapped.spec.max_episode_steps

@@ -114,14 +114,19 @@ def test_the_command_exports_the_run_of_a_folder(run, tmp_path, gantrysim_comman
 
 @pytest.mark.parametrize(
     ("name", "options", "kind"),
-    [
-        ("m1.xyz", (), "csv"),
-        ("m1", (), "csv"),
-        ("m1.CSV", (), ""),
-        ("m1.mat", (), ""),
-        ("m1.xyz", ("--format", "mat"), "mat"),
-        ("m1.mat", ("--format", "csv"), "csv"),
-    ],
+    suite_runs(
+        [
+            ("m1.xyz", (), "csv"),
+            ("m1", (), "csv"),
+            ("m1.CSV", (), ""),
+            ("m1.mat", (), ""),
+            ("m1.xyz", ("--format", "mat"), "mat"),
+            ("m1.mat", ("--format", "csv"), "csv"),
+        ],
+        0,
+        2,
+        5,
+    ),
 )
 def test_the_format_is_that_of_the_name_or_is_said(run, tmp_path, gantrysim_command, name, options, kind):
     run.save(tmp_path / "run.npz")

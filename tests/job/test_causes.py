@@ -165,7 +165,7 @@ def response(axis, servo, a, w, period, lag):
     "3 %",
 )
 @pytest.mark.parametrize("feedforward", suite_runs([0.0, 1.0], 1))
-@pytest.mark.parametrize("speed", suite_runs([100.0, 200.0], 0))
+@pytest.mark.parametrize("speed", suite_runs([100.0, 200.0], 1))
 def test_winding_and_sampling_are_worth_their_lag_on_a_circle(rigid, circle, feedforward, speed):
     """The steady radial error of two axes that lag by the winding's L/R, and by the hold and the difference."""
     machine, radius = rigid(), 20.0
@@ -306,7 +306,7 @@ def test_progress_is_the_share_of_the_runs(found):
     "the job",
     "0.1 µm",
 )
-@pytest.mark.parametrize("name", suite_runs(["fanuc-conical", "softmc-arc", "stage-outline"], 0))
+@pytest.mark.parametrize("name", suite_runs(["fanuc-conical", "softmc-arc", "stage-outline"], 1))
 def test_scatter_of_the_contour_error_is_below_what_counts_as_worth(name):
     job = Job.load(name)
     setup = Setup(job.built_machine, job.built_servo, job.setpoints)

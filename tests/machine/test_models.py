@@ -245,7 +245,7 @@ JOBS = {
     "work and losses",
     "1.2 %",
 )
-@pytest.mark.parametrize("name", suite_runs(list(JOBS), 0, 1))
+@pytest.mark.parametrize("name", suite_runs(list(JOBS), 0))
 def test_electrical_energy_is_mechanical_work_and_losses(name):
     machine, setpoints, gaps = Machine(name), JOBS[name](), []
     for step in (2.5e-4, 1.25e-4):

@@ -13,6 +13,8 @@ from gantrysim.machine.machine import builtin_models
 from gantrysim.machine.motors import set_for_steps
 from gantrysim.machine.perturbation import Perturbation, perturbed_model
 
+from support.soaked import number_of_examples
+
 CHANGED = Perturbation(payload=0.3, friction=1.4, viscous=0.8, stiffness=0.7, motor_constant=1.1, home_offset=0.02)
 STEP = 1.25e-4  # [s]
 
@@ -94,7 +96,7 @@ def test_a_change_of_the_physics_is_stepped():
 def test_threads_that_ask_at_once_get_models_of_their_own():
     machine = Machine("xy")
     steps = [STEP / k for k in range(1, 9)]
-    for _ in range(20):
+    for _ in range(number_of_examples(20)):
         perturbed = machine.perturbed(CHANGED)
         together = threading.Barrier(len(steps))
 

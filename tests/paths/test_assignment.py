@@ -12,7 +12,7 @@ from gantrysim.paths.nearest import find_assignment
 from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints
 
-from support.soaked import suite_runs
+from support.soaked import number_of_examples, suite_runs
 
 
 def polygon(*points):
@@ -30,7 +30,7 @@ def chord_squares(points, trace):
 @pytest.mark.parametrize("bounded", suite_runs([False, True], 0))
 def test_no_assignment_has_a_smaller_sum_of_squares(bounded):
     rng = np.random.default_rng(5)
-    for _ in range(40):
+    for _ in range(number_of_examples(40)):
         points = np.column_stack([np.cumsum(rng.uniform(-2, 2, (9, 2)), axis=0), np.zeros(9)])
         trace = np.column_stack([rng.uniform(-3, 3, (5, 2)), np.zeros(5)])
         between = np.sort(np.sort(rng.integers(0, 8, (2, 5)), axis=1), axis=0) if bounded else np.array([[0], [7]])

@@ -103,12 +103,13 @@ def _moved(state, by, rates):
 def _axis_after(p, state, torque, steps, step):
     """Return the state after a number of steps of the classical Runge-Kutta method."""
     for _ in range(steps):
-        k1 = _axis_rates(p, torque, *state)
-        k2 = _axis_rates(p, torque, *_moved(state, step / 2, k1))
-        k3 = _axis_rates(p, torque, *_moved(state, step / 2, k2))
-        k4 = _axis_rates(p, torque, *_moved(state, step, k3))
-        for share, rates in ((6, k1), (3, k2), (3, k3), (6, k4)):
-            state = _moved(state, step / share, rates)
+        # one call in a loop: four would be compiled four times over
+        after = state
+        rates = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        for place, share in ((0.0, 6.0), (step / 2, 3.0), (step / 2, 3.0), (step, 6.0)):
+            rates = _axis_rates(p, torque, *_moved(state, place, rates))
+            after = _moved(after, step / share, rates)
+        state = after
     return state
 
 
@@ -122,9 +123,9 @@ def follow_axis(plant, law, steps, setpoints):
     for tick in range(len(setpoints)):
         demand = _sampled(law, memory, tick == 0, setpoints[tick], 1e3 * state[0])
         rows[tick] = (1e3 * state[2], demand, plant.constant * state[4])
-        state = _axis_after(plant, state, held, before, first)
+        for torque, count, step in ((held, before, first), (demand, after, second)):
+            state = _axis_after(plant, state, torque, count, step)
         held = demand
-        state = _axis_after(plant, state, held, after, second)
     return rows
 
 

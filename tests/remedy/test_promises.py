@@ -87,7 +87,7 @@ GIVEN = {
 
 
 # a value, and a text in the line
-@pytest.mark.parametrize("name", suite_runs(list(GIVEN), 0, 5))
+@pytest.mark.parametrize("name", suite_runs(list(GIVEN), 0))
 def test_lines_beside_options_keep_the_promise(name, tmp_path):
     file, text, given, levers = GIVEN[name]
     program = PROGRAMS.get(file, tmp_path / file)

@@ -218,7 +218,7 @@ class BrokenError(Exception):
     """Of the caller."""
 
 
-@pytest.mark.parametrize("name", ["a.mp4", "a.gif"])
+@pytest.mark.parametrize("name", suite_runs(["a.mp4", "a.gif"], 1))
 @pytest.mark.parametrize("error", [BrokenError, KeyboardInterrupt])
 def test_an_interrupted_film_leaves_the_earlier_one_and_nothing_else(alone, tmp_path, error, name):
     (tmp_path / name).write_bytes(b"earlier")
@@ -242,7 +242,7 @@ def test_an_interrupted_film_leaves_the_earlier_one_and_nothing_else(alone, tmp_
         ('head -c 400000 | "$REAL" "$@"', 2),  # as when it is killed: of frames of 180 kB
     ],
 )
-@pytest.mark.parametrize("name", ["a.mp4", "a.gif"])
+@pytest.mark.parametrize("name", suite_runs(["a.mp4", "a.gif"], 0))
 def test_a_failing_encoder_leaves_no_partial_film(alone, tmp_path, monkeypatch, name, script, most):
     import imageio_ffmpeg
 
@@ -367,7 +367,7 @@ def test_the_pictures_of_a_film_of_any_shape_do_not_overlap(xy, run, monkeypatch
     assert len({cell.left for cell in two}) == (2 if count == 4 else 1)
 
 
-@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("count", suite_runs([1, 2, 4], 1))
 def test_the_least_height_in_the_error_is_accepted(xy, run, monkeypatch, count):
     monkeypatch.setattr(film, "Renderer", Unopened)
     takes = [Take(xy, run)] * count

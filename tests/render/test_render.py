@@ -63,7 +63,7 @@ def neighbourhood(mask, pixels, reach):
     return np.array(hits)
 
 
-@pytest.mark.parametrize("camera", ["top", "overview"])
+@pytest.mark.parametrize("camera", suite_runs(["top", "overview"], 1))
 @pytest.mark.parametrize("share", suite_runs([0.5, 1.0], 0))
 def test_the_bead_is_drawn_along_the_trace(xy, run, dry, camera, share):
     tick = int(share * (len(run.time) - 1))

@@ -119,7 +119,7 @@ def test_further_files_are_written_before_anything_is_printed(tmp_path, job, mon
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks the system for processes by their group")
-@pytest.mark.parametrize("rows", suite_runs([0, 1], 1))
+@pytest.mark.parametrize("rows", suite_runs([0, 1], 0))
 def test_workers_end_with_a_study_that_is_killed(tmp_path, rows):
     process = begun(tmp_path / "loop", rows)
     until = time.monotonic() + PATIENCE

@@ -27,7 +27,7 @@ FILE = f"{own_laws.__file__}:compiled_pd"
 @pytest.fixture(scope="module")
 def studied(tmp_path_factory):
     """A study of a small circle, which every axis reverses on."""
-    study = LawsStudy(circle(period=0.001), payload=0.3)
+    study = LawsStudy(circle(period=0.002), payload=0.3)
     return study, run_study(study, tmp_path_factory.mktemp("laws") / "out", workers=1)
 
 

@@ -9,6 +9,7 @@ from gantrysim import InputError, Job
 from gantrysim.study import Ledger, StudyInterrupted, run_study
 from gantrysim.study.ledger import LEDGER
 
+from support.soaked import WHOLE
 from support.studies import SHORT, Counted, Toy, cases_of, content
 
 
@@ -45,7 +46,7 @@ def test_no_damage_of_a_byte_changes_a_row(tmp_path):
             ledger.add(name, row)
     whole, found = (tmp_path / LEDGER).read_bytes(), set()
     for at in range(len(whole)):
-        for bit in (1, 4, 16):
+        for bit in (1, 4, 16) if WHOLE else (4,):
             (tmp_path / LEDGER).write_bytes(whole[:at] + bytes([whole[at] ^ bit]) + whole[at + 1 :])
             with Ledger(tmp_path, {"study": "x"}) as ledger:
                 kept = {name: ledger[name] for name in rows if name in ledger}

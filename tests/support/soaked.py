@@ -34,8 +34,8 @@ def of_jobs(*names: str) -> list[Any]:
 
 
 def number_of_examples(whole: int) -> int:
-    """Return how many of a property's examples are tried: a quarter of them in the test suite."""
-    return whole if WHOLE else max(whole // 4, min(whole, FEWEST))
+    """Return how many of a property's examples are tried: a sixth of them in the test suite."""
+    return whole if WHOLE else max(whole // 6, min(whole, FEWEST))
 
 
 def examples(whole: int) -> settings:

@@ -16,7 +16,7 @@ from gantrysim.controllers.drawings import Drawing
 from gantrysim.job.programs import build
 
 from support.drawings import arc, circle, csv, dxf, group, line, polyline, svg
-from support.soaked import examples
+from support.soaked import examples, number_of_examples
 
 SQUARE = csv([(0, 0), (10, 0), (10, 10)])
 BLOCKS = group((0, "BLOCK"), (8, "0"), (2, "A"), (70, 0), (10, 0.0), (20, 0.0), (30, 0.0)) + line((0, 0), (3, 0))
@@ -94,8 +94,9 @@ def mutated(text, choose):
 def test_changed_drawings_are_read_or_refused_in_one_line(seed):
     choose = random.Random(seed)
     assert attempt(SEEDS[seed])
-    read = sum(attempt(mutated(SEEDS[seed], choose)) for _ in range(60))
-    assert read < 60
+    count = number_of_examples(60)
+    read = sum(attempt(mutated(SEEDS[seed], choose)) for _ in range(count))
+    assert read < count
 
 
 @pytest.mark.soak

@@ -308,7 +308,7 @@ def test_the_engine_moves_as_the_linear_machine_does_the_closer_the_shorter_its_
     assert errors[1] / errors[0] == pytest.approx(0.25, abs=0.03)
 
 
-@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("axis", suite_runs([0, 1], 1))
 @pytest.mark.parametrize(
     ("build", "integral_time"), suite_runs([("rigid", 0.02), ("xy", math.inf), ("xyz", 0.02)], 0, 2)
 )
@@ -392,7 +392,7 @@ def test_the_gain_margins_of_the_built_in_machines_are_where_a_pole_leaves_the_c
         assert (found.gain_lower > 0) is (integral_time < math.inf)
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.3, 200.0])
+@pytest.mark.parametrize("damping", suite_runs([0.0, 0.3, 200.0], 1))
 @pytest.mark.parametrize("stiffness", suite_runs([5.0, 80.0, 3e4, 1e6], 1, 2))
 def test_lightly_damped_modes_are_resolved(rigid, damping, stiffness):
     """A load on a spring at the carriage: the loop has a peak and a zero narrower than an even grid."""
@@ -749,7 +749,7 @@ def test_the_peak_of_s_alone_is_that_of_the_margins(name, factor):
     "inverse of 1 + C P at 80,000 angles",
     "1e-5 relative",
 )
-@pytest.mark.parametrize("name", ["xy", "stage", "delta"])
+@pytest.mark.parametrize("name", suite_runs(["xy", "stage", "delta"], 0, 1))
 def test_the_peak_of_s_is_that_of_dense_sampling(name):
     """The inverse of 1 + C P at 80,000 angles, where the first axis' law has more states than the others'."""
     period = 1e-3

@@ -32,7 +32,7 @@ pytestmark = pytest.mark.usefixtures("blank_pictures")
 
 OF_GRID = 1.05  # largest ratio of the metric found to the best of an exhaustive grid
 EXACT = 1e-12  # relative
-BUDGET = 26  # runs of the search that most tests share
+BUDGET = 16  # runs of the search that most tests share
 NEAR = 1e-3  # relative, of margins found along another grid of frequencies
 
 
@@ -665,13 +665,13 @@ def test_progress_covers_all_rounds_and_shows_the_best_metric_so_far(outcome_wit
 
 def test_a_study_does_not_repeat_its_own_search_for_its_report(poor):
     """Another one replays it from the rows."""
-    study = tuning(poor, budget=10, unseen=0)
+    study = tuning(poor, budget=4, unseen=0)
     rows = searched(study)
     leaders = len(study.leaders)
     history = study.history(rows)
     assert study.history(list(rows)) is history
     assert len(study.leaders) == len(history.leaders) == leaders
-    other = tuning(poor, budget=10, unseen=0)
+    other = tuning(poor, budget=4, unseen=0)
     replayed = other.history(rows)
     assert replayed.best.servo == history.best.servo
     assert replayed.runs == history.runs == len(rows)
