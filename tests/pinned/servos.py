@@ -1,0 +1,101 @@
+"""Derived servos, their margins, and what bounds them, on machines and drives of every kind."""
+
+import numpy as np
+
+from gantrysim import Machine, Servo
+from gantrysim.job.job import Job
+from gantrysim.machine.sizing import Sizing
+from gantrysim.servo.stability.margins import margins_of
+
+SETTINGS = {
+    "defaults": {},
+    "no integral": {"integral_time": float("inf")},
+    "slow": {"period": 0.004, "delay": 0.001},
+    "fast": {"period": 0.00025, "damping": 0.7},
+    "late feedback": {"feedback_delay": 2},
+    "load": {"feedback": "load"},
+    "velocity": {"mode": "velocity"},
+    "velocity, given": {"mode": "velocity", "velocity_bandwidth": 40.0, "drive_period": 0.0005},
+    "position": {"mode": "position"},
+    "current loop": {"current_bandwidth": 300.0},
+    "no notch": {"notch_frequency": 0.0},
+    "notch": {"notch_frequency": 120.0, "notch_depth": 0.2, "notch_width": 0.5},
+    "frequency": {"frequency": 12.0},
+    "too high a frequency": {"frequency": 45.0},
+    "gains": {"kp": 0.02, "ki": 0.3, "kd": 0.0004, "velocity_ff": 0.0, "acceleration_ff": 0.0},
+    "damped output": {"output_velocity": -0.0002},
+    "no feed-forward": {"feedforward": 0.0},
+    "pd": {"law": "pd"},
+    "p-pi": {"law": "p-pi"},
+    "friction, observer": {"law": ["pid", "friction", "observer"], "observer_bandwidth": 30.0},
+    "contour, preview": {"law": ["pid", "contour", "preview"]},
+    "zv": {"law": ["pid", "zv"]},
+    "zvd": {"law": ["pid", "zvd"], "shaper_frequency": 20.0},
+    "learning": {"law": ["pid", "learning"]},
+}
+MACHINES = ("xy", "xyz", "xyzr", "stage", "delta")
+TABLES = ("belt-gantry", "cantilever", "corexy", "stepper", "tandem")
+ON_OTHERS = ("defaults", "velocity")
+ROOT = __import__("pathlib").Path(__file__).parent.parent.parent
+
+# machines from a table of their own: very soft, with a play, a heavy load, a rotary axis
+SOFT = {
+    "name": "soft",
+    "arrangement": "bridge",
+    "masses": {"bridge": 12.0, "carriage": 4.0},
+    "x": {"travel": [-100, 100], "guides": {"friction": 2.0, "viscous": 8.0}},
+    "y": {"travel": [-100, 100], "guides": {"friction": 3.0, "viscous": 12.0}},
+}
+
+
+def margins_text(margins):
+    return None if margins is None else [[str(each), each] for each in margins]
+
+
+def servo_answer(machine, settings):
+    job = Job.of_content(
+        {
+            "name": "loop",
+            "machine": machine,
+            "program": {"controller": "linuxcnc.Program", "text": "G21\nF600\nG1 X1\nM2\n"}
+            if machine != "stage"
+            else {"controller": "stage.OutlineTrace", "width": 20.0, "height": 12.0, "corner_radius": 3.0},
+            "servo": settings,
+            "dispenser": {"area": 0.8},
+        },
+        "job loop",
+    )
+    servo = job.built_servo
+    return {
+        "modes": list(servo.modes),
+        "gains": [gains for gains in servo.gains],
+        "drives": [drive for drive in servo.drives],
+        "margins": margins_text(job.margins),
+        "reason": job.servo_reason,
+        "notes": [note for note in job.notes if note.startswith(("servo", "machine"))],
+    }
+
+
+def machine_answer(source):
+    machine = Machine(source)
+    sizing = Sizing.of(machine, 1e-3, None)
+    return {
+        "axes": [axis.facts() for axis in machine.axes],
+        "home": machine.tip(np.zeros((1, len(machine.axes)))),
+        "sizing": [{key: value for key, value in vars(axis).items() if key != "axis"} for axis in sizing.axes],
+        "modes": sizing.modes,
+        "findings": list(sizing.findings),
+        "margins": margins_text(margins_of(machine, Servo.derive(machine.axes))),
+    }
+
+
+CASES = {f"xy, {name}": lambda settings=settings: servo_answer("xy", settings) for name, settings in SETTINGS.items()}
+CASES |= {
+    f"{machine}, {name}": lambda machine=machine, name=name: servo_answer(machine, SETTINGS[name])
+    for machine in MACHINES[1:]
+    for name in ON_OTHERS
+}
+CASES |= {f"machine {name}": lambda name=name: machine_answer(name) for name in MACHINES}
+CASES |= {
+    f"machine {name}": lambda name=name: machine_answer(ROOT / "examples" / "machines" / f"{name}.toml") for name in TABLES
+}
