@@ -14,6 +14,7 @@ TESTS = Path(__file__).parent.parent / "tests"
 def main(rooms: list[str]) -> None:
     sys.path.insert(0, str(TESTS))
     from pinned.rooms import ROOMS, cases_of
+
     from support.pins import differences, pinned, saved, write
 
     for room in rooms or ROOMS:

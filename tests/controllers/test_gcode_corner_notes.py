@@ -15,7 +15,7 @@ def sliced(head, tolerance=0.05):
 
 
 def corner_note(program):
-    return next(note for note in program.notes if "corners between moves at feed" in note)
+    return next(note for note in program.notes if "between moves at feed" in note)
 
 
 KLIPPER = "SET_VELOCITY_LIMIT SQUARE_CORNER_VELOCITY="

@@ -1,5 +1,7 @@
 """Derived servos, their margins, and what bounds them, on machines and drives of every kind."""
 
+from pathlib import Path
+
 import numpy as np
 
 from gantrysim import Machine, Servo
@@ -34,18 +36,18 @@ SETTINGS = {
     "learning": {"law": ["pid", "learning"]},
 }
 MACHINES = ("xy", "xyz", "xyzr", "stage", "delta")
+EXAMPLES = Path(__file__).parent.parent.parent / "examples" / "machines"
 TABLES = ("belt-gantry", "cantilever", "corexy", "stepper", "tandem")
 ON_OTHERS = ("defaults", "velocity")
-ROOT = __import__("pathlib").Path(__file__).parent.parent.parent
 
-# machines from a table of their own: very soft, with a play, a heavy load, a rotary axis
-SOFT = {
-    "name": "soft",
-    "arrangement": "bridge",
-    "masses": {"bridge": 12.0, "carriage": 4.0},
-    "x": {"travel": [-100, 100], "guides": {"friction": 2.0, "viscous": 8.0}},
-    "y": {"travel": [-100, 100], "guides": {"friction": 3.0, "viscous": 12.0}},
-}
+
+def pinnable(axis):
+    """The numbers and words of an axis, without its motion and what is coupled to it."""
+    return {name: value for name, value in vars(axis).items() if isinstance(value, int | float | str | bool)}
+
+
+def without_zeros(values):
+    return {name: value for name, value in values._asdict().items() if value}
 
 
 def margins_text(margins):
@@ -68,8 +70,8 @@ def servo_answer(machine, settings):
     servo = job.built_servo
     return {
         "modes": list(servo.modes),
-        "gains": [gains for gains in servo.gains],
-        "drives": [drive for drive in servo.drives],
+        "gains": [without_zeros(gains) for gains in servo.gains],
+        "drives": [without_zeros(drive) for drive in servo.drives],
         "margins": margins_text(job.margins),
         "reason": job.servo_reason,
         "notes": [note for note in job.notes if note.startswith(("servo", "machine"))],
@@ -80,10 +82,11 @@ def machine_answer(source):
     machine = Machine(source)
     sizing = Sizing.of(machine, 1e-3, None)
     return {
-        "axes": [axis.facts() for axis in machine.axes],
+        "axes": [pinnable(axis) for axis in machine.axes],
         "home": machine.tip(np.zeros((1, len(machine.axes)))),
         "sizing": [{key: value for key, value in vars(axis).items() if key != "axis"} for axis in sizing.axes],
-        "modes": sizing.modes,
+        "locked": sizing.locked,
+        "free": sizing.free,
         "findings": list(sizing.findings),
         "margins": margins_text(margins_of(machine, Servo.derive(machine.axes))),
     }
@@ -96,6 +99,4 @@ CASES |= {
     for name in ON_OTHERS
 }
 CASES |= {f"machine {name}": lambda name=name: machine_answer(name) for name in MACHINES}
-CASES |= {
-    f"machine {name}": lambda name=name: machine_answer(ROOT / "examples" / "machines" / f"{name}.toml") for name in TABLES
-}
+CASES |= {f"machine {name}": lambda name=name: machine_answer(EXAMPLES / f"{name}.toml") for name in TABLES}

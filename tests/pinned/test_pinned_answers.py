@@ -4,10 +4,9 @@ A figure that changes on purpose is pinned anew by `scripts/pin_answers.py`, whi
 """
 
 import pytest
+from pinned.rooms import ROOMS, cases_of
 
 from support.pins import differences, pinned, saved
-
-from pinned.rooms import ROOMS, cases_of
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -18,6 +18,7 @@ TOLERANCE = 1e-6
 DIGITS = 7
 ZERO = 1e-9  # below which a number without neighbours is rounding
 WIDTH = 120  # of a line in a file
+SHORT = 20  # characters of a text that shares a line with others
 
 NUMBER = re.compile(r"(?<![\w.])[-−+]?\d+(?:[.,]\d+)?(?:e[-+]?\d+)?")
 
@@ -37,6 +38,8 @@ def pinned(value):
         return int(short) if short == int(short) and abs(short) < 1e15 else short
     if is_dataclass(value):
         return {item.name: pinned(getattr(value, item.name)) for item in fields(value)}
+    if hasattr(value, "_asdict"):
+        return pinned(value._asdict())
     if isinstance(value, dict):
         return {str(key): pinned(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
@@ -56,14 +59,17 @@ def write(room, answers):
 
 
 def dumped(value, indent=0):
-    """JSON of which a list of numbers is one line, and any other item has a line of its own."""
+    """JSON of which a list or table of numbers is one line, and any other item has a line of its own."""
     line = json.dumps(value, ensure_ascii=False)
-    is_flat = isinstance(value, list) and not any(isinstance(item, dict | str) for item in value)
+    items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    is_flat = not any(isinstance(item, dict) or (isinstance(item, str) and len(item) > SHORT) for item in items)
     if not isinstance(value, dict | list) or not value or (is_flat and len(line) + indent <= WIDTH):
         return line
     inside = " " * (indent + 1)
     if isinstance(value, dict):
-        items = [f"{inside}{json.dumps(key, ensure_ascii=False)}: {dumped(item, indent + 1)}" for key, item in value.items()]
+        items = [
+            f"{inside}{json.dumps(key, ensure_ascii=False)}: {dumped(item, indent + 1)}" for key, item in value.items()
+        ]
         return "{\n" + ",\n".join(items) + "\n" + " " * indent + "}"
     return "[\n" + ",\n".join(f"{inside}{dumped(item, indent + 1)}" for item in value) + "\n" + " " * indent + "]"
 
@@ -105,9 +111,7 @@ def same_text(before, after):
         return True
     if NUMBER.sub("#", before) != NUMBER.sub("#", after):
         return False
-    return all(
-        near_in_text(a, b) for a, b in zip(NUMBER.findall(before), NUMBER.findall(after), strict=True)
-    )
+    return all(near_in_text(a, b) for a, b in zip(NUMBER.findall(before), NUMBER.findall(after), strict=True))
 
 
 def near_in_text(before, after):

@@ -45,9 +45,12 @@ def refused_by_grbl(program: Interpreted) -> tuple[str, ...]:
     if not refused.any():
         return ()
     worst = int(np.where(refused, off, 0.0).argmax())
+    is_one = refused.sum() == 1
+    ends = "1 arc ends off its circle," if is_one else f"{refused.sum()} arcs end off their circles, at most"
+    them = "it" if is_one else "them"
     return (
-        f"{refused.sum()} arcs end off their circle, by {off[worst]:.3g} mm in line {table[rows[worst], SOURCE]:.0f}: "
-        f"run as LinuxCNC runs them, but grbl refuses more than {_ACCEPTED:g} mm and {100 * _RELATIVE:g} % of the "
+        f"{ends} by {off[worst]:.3g} mm in line {table[rows[worst], SOURCE]:.0f}: "
+        f"run as LinuxCNC runs {them}, but grbl refuses more than {_ACCEPTED:g} mm and {100 * _RELATIVE:g} % of the "
         "radius.",
     )
 
