@@ -19,7 +19,9 @@ HATCH = "G21 G90 G61\nF1800\nG0 X10 Y10\nG1 X30\nG1 Y11.5\nG1 X10\nG1 Y13\nG1 X3
 # over its own bead, and back along it
 CROSSING = "G21 G90 G61\nF1800\nG0 X10 Y10\nG1 X30\nG1 Y20\nG1 X20\nG1 Y5\nM2\n"
 DOT = "M3\nG4 P{}\nM5\n"
-DOTS = f"G21 G90\nF1800\nM5\nG0 X10 Y10\n{DOT.format(0.1)}G0 X15\n{DOT.format(0.15)}G0 X16.5\n{DOT.format(0.1)}G0 X30\nM2\n"
+DOTS = "G21 G90\nF1800\nM5\n" + "".join(
+    f"G0 X{x} Y10\n{DOT.format(time)}" for x, time in ((10, 0.1), (15, 0.15), (16.5, 0.1))
+)
 FED = ";FLAVOR:Marlin\nM83\nG1 X10 Y10 F3000\nG1 X30 E0.4 F1800\nG1 E-0.5\nG1 X40 F6000\nG1 E0.5 F1800\nG1 X60 E0.4\n"
 CONE = {
     "controller": "trio.MoveSpiral",
@@ -60,7 +62,7 @@ def rows_of(row):
     checks = [
         [check.brief, str(check.place), check.state, check.value, check.usage]
         if check.usage > ROUNDING
-        else [check.quantity.name, check.state]
+        else [check.name, check.state]
         for check in row.checks
     ]
     return {"state": row.state, "remark": row.remark, "checks": checks}

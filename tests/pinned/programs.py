@@ -20,7 +20,7 @@ CONTROLLERS = {
     "drawings": "cad.Drawing",
 }
 PERIOD = 0.001
-INSTANTS = 5  # between the first and the last tick
+INSTANTS = 4  # between the first and the last tick
 
 
 def dxf_text():
@@ -114,13 +114,11 @@ def answer(table):
         "fastest": float(steps.max()) / PERIOD,
         "mean square speed": float(np.square(steps).mean()) / PERIOD**2,
         "end": position[-1],
-        "low": position.min(axis=0),
         "high": position.max(axis=0),
         "on": switches(setpoints.dispense),
         "place": position[ticks],
         "velocity": (position[later] - position[ticks]) / PERIOD,
         "progress": None if setpoints.progress is None else setpoints.progress[ticks],
-        "requested": requested.position(requested.length * np.array([0.2, 0.5, 0.9])),
     }
     if setpoints.gates.size:
         found["gates"] = setpoints.gates

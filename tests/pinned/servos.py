@@ -51,7 +51,9 @@ def without_zeros(values):
 
 
 def margins_text(margins):
-    return None if margins is None else [[str(each), each] for each in margins]
+    if margins is None:
+        return None
+    return [[str(each), [each.phase, each.delay, each.sensitivity, each.gain, each.gain_lower]] for each in margins]
 
 
 def servo_answer(machine, settings):

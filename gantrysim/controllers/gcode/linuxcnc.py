@@ -101,7 +101,7 @@ class Program(GCode):
         placement: placement of the program on the work.
         start: initial position, also that of G28 and G30 [mm].
         rapid: speed limit of each axis in rapid moves, G0; an assumption [mm/min].
-        acceleration: acceleration limit of each of x, y and z; an assumption [mm/s²].
+        acceleration: acceleration limit of every axis; an assumption [mm/s²].
         cycle: period of the trajectory planner, in which the velocity may jump at a corner; an assumption [s].
         feed_override: factor applied to all feeds.
         dispense: when glue is laid; by default in moves at feed, but only between the program's codes for the valve if
