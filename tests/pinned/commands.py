@@ -2,7 +2,6 @@
 
 import io
 import os
-import re
 import sys
 import tempfile
 from contextlib import chdir, redirect_stderr, redirect_stdout
@@ -29,7 +28,9 @@ DRY = "G21 G90\nF3600\nM5\nG1 X20\nM3\nM5\nM2\n"
 TEXTS = {
     "part.ngc": PART,
     "dry.ngc": DRY,
-    "part.toml": 'name = "part"\nmachine = "xy"\n[program]\nfile = "part.ngc"\n[dispenser]\narea = 1.0\nopening = 0.03\n',
+    "part.toml": (
+        'name = "part"\nmachine = "xy"\n[program]\nfile = "part.ngc"\n[dispenser]\narea = 1.0\nopening = 0.03\n'
+    ),
     "mill.ini": """[EMCMOT]
 SERVO_PERIOD = 1000000
 [KINS]
@@ -108,7 +109,15 @@ guides = { friction = 6.0, viscous = 20.0 }
 motor = "maxon-re30-48"
 encoder = "us-digital-e5-1000"
 voltage = 24
-transmission = { kind = "belt", teeth = 20, pitch = 2, ratio = 1, efficiency = 0.9, stiffness = 0.05, friction = 0.004 }
+[x.drive.transmission]
+kind = "belt"
+teeth = 20
+pitch = 2
+ratio = 1
+inertia = 1e-6
+efficiency = 0.9
+stiffness = 0.05
+friction = 0.004
 [y]
 travel = [-100, 100]
 guides = { friction = 6.0, viscous = 20.0 }
@@ -116,12 +125,23 @@ guides = { friction = 6.0, viscous = 20.0 }
 motor = "maxon-re40-48"
 encoder = "us-digital-e5-2500"
 voltage = 48
-transmission = { kind = "screw", lead = 10, diameter = 12, length = 470, accuracy = "C7", efficiency = 0.9, stiffness = 13, friction = 0.012 }
+[y.drive.transmission]
+kind = "screw"
+lead = 10
+diameter = 12
+length = 470
+accuracy = "C7"
+efficiency = 0.9
+stiffness = 13
+friction = 0.012
 """,
     "weights.csv": "pressure [kPa];time [s];mass [mg]\n100;60;33,2\n200;30;52,5\n300;20;68,3\n400;15;84,1\n500;10;80,2\n",
     "pump.csv": "pump speed [rpm],time [s],mass [mg]\n10,20,160.5\n20,20,321.2\n40,20,641.0\n60,20,962.4\n80,20,1283.1\n",
     "drops.csv": "drops,mass [mg]\n100,48.1\n200,96.3\n400,192.2\n800,384.9\n",
-    "beads.csv": "speed [mm/s],gap [mm],width [mm]\n10,0.5,2.9\n20,0.5,1.75\n30,0.5,1.41\n40,0.5,1.22\n20,0.4,2.02\n",
+    "beads.csv": (
+        "speed [mm/s],pressure [kPa],gap [mm],width [mm]\n"
+        "1,300,0.5,3.9\n2,300,0.5,2.45\n4,300,0.5,1.55\n6,300,0.5,1.22\n2,300,0.4,2.82\n"
+    ),
 }
 GLUE = ("--density", "1.2", "--needle", "22Gx12.7")
 
@@ -138,10 +158,15 @@ def log_text():
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "log.csv"
         Log.of(run).save(file, {"x": "mm", "y": "mm"})
-        return file.read_text(encoding="utf-8")
+        # y does not move, and is not to be fitted
+        return file.read_text(encoding="utf-8").replace("y demand", "a")
 
 
 RUN = ("run", "part.toml", "--no-video", "--no-report")
+BRIEF_RUN = (*RUN, "--no-causes", "--no-improve")
+WEAK = ("--set", "servo.torque_limit=0.02", "--set", "servo.following_error_limit=0.5")
+VELOCITY = ("--set", "servo.mode='velocity'", "--set", "servo.notch_frequency=0")
+PLAIN = ("--set", "servo.notch_frequency=0", "--set", "servo.acceleration_ff=0")
 # commands in a folder of their own, of which the output of the last is pinned
 COMMANDS = {
     "check a file": [("check", "part.ngc")],
@@ -152,53 +177,25 @@ COMMANDS = {
     "show": [RUN, ("show", "out/part")],
     "show all": [(*RUN, "--repeat", "2", "--causes"), ("show", "out/part", "all")],
     "show aspects that a run lacks": [
-        (*RUN, "--no-causes", "--no-improve"),
+        BRIEF_RUN,
         ("show", "out/part", "faults", "scatter", "levers", "causes"),
     ],
-    "show a dry run": [
-        ("run", "dry.ngc", "--no-video", "--no-report"),
-        ("show", "out/dry"),
-    ],
-    "run a fault": [
-        (
-            *RUN,
-            "--no-causes",
-            "--no-improve",
-            "--set",
-            "servo.torque_limit=0.02",
-            "--set",
-            "servo.following_error_limit=0.5",
-        )
-    ],
+    "run a dry program": [("run", "dry.ngc", "--no-video", "--no-report")],
+    "show a fault before glue": [(*BRIEF_RUN, *WEAK), ("show", "out/part")],
+    "run a fault": [(*BRIEF_RUN, *WEAK)],
     "gains": [("gains", "part.toml")],
     "gains of velocity drives": [("gains", "part.toml", "--set", "servo.mode='velocity'")],
-    "gains, trio": [("gains", "part.toml", "--export", "trio", "--set", "servo.notch_frequency=0")],
+    "gains, trio": [("gains", "part.toml", "--export", "trio", *PLAIN)],
     "gains, linuxcnc": [("gains", "part.toml", "--export", "linuxcnc-ini", "--set", "servo.notch_frequency=0")],
-    "gains, softmc": [
-        (
-            "gains",
-            "part.toml",
-            "--export",
-            "softmc",
-            "--set",
-            "servo.mode='velocity'",
-            "--set",
-            "servo.notch_frequency=0",
-        )
-    ],
-    "gains, fanuc": [
-        (
-            *("gains", "part.toml", "--export", "fanuc", "--set", "servo.mode='velocity'"),
-            *("--set", "servo.integral_time=inf", "--set", "servo.notch_frequency=0"),
-        )
-    ],
+    "gains, softmc": [("gains", "part.toml", "--export", "softmc", *VELOCITY)],
+    "gains, fanuc": [("gains", "part.toml", "--export", "fanuc", *VELOCITY, "--set", "servo.integral_time=inf")],
     "gains, shapers": [("gains", "part.toml", "--export", "klipper")],
     "gains from an INI file": [("gains", "part.toml", "--from", "linuxcnc-ini", "mill.ini")],
     "gains from an INI file of steps": [("gains", "part.toml", "--from", "linuxcnc-ini", "steps.ini")],
     "gains from a printer": [("gains", "slicer-square", "--from", "klipper", "printer.cfg")],
     "gains from a printer, torque": [("gains", "part.toml", "--from", "klipper", "printer.cfg")],
     "gains there and back": [
-        ("gains", "part.toml", "--export", "trio", "--set", "servo.notch_frequency=0", "--out", "gains.bas"),
+        ("gains", "part.toml", "--export", "trio", *PLAIN, "--out", "gains.bas"),
         ("gains", "part.toml", "--from", "trio", "gains.bas"),
     ],
     "machine new": [("machine", "new", "soft.toml")],
@@ -209,13 +206,13 @@ COMMANDS = {
     "identify a jet": [("identify", "dispenser", "drops.csv", "--density", "1.2")],
     "identify beads": [("identify", "dispenser", "weights.csv", "beads.csv", *GLUE)],
     "compare": [
-        (*RUN, "--no-causes", "--no-improve"),
-        (*RUN, "--no-causes", "--no-improve", "--set", "servo.damping=0.5", "--out", "out/soft"),
+        BRIEF_RUN,
+        (*BRIEF_RUN, "--set", "servo.damping=0.5", "--out", "out/soft"),
         ("compare", "out/part", "out/soft", "-v"),
     ],
     "compare a measurement": [
-        (*RUN, "--no-causes", "--no-improve"),
-        (*RUN, "--no-causes", "--no-improve", "--set", "servo.damping=0.5", "--out", "out/soft"),
+        BRIEF_RUN,
+        (*BRIEF_RUN, "--set", "servo.damping=0.5", "--out", "out/soft"),
         ("compare", "out/part", "--measured", "out/soft"),
     ],
     "study speed": [("study", "speed", "part.toml", "--workers", "1", "--tolerance", "60")],
@@ -225,11 +222,6 @@ COMMANDS = {
     "info": [("info", "servo.damping")],
     "info of a dispenser": [("info", "dispenser.stop_lead")],
 }
-# of times that depend on the computer, and folders
-CLOCKS = (
-    (re.compile(r"/\S*/(?=out/|compared|[\w.-]+\.(?:csv|toml|html|xml))"), ""),
-    (re.compile(r"[\d.]+ s of CPU|in [\d.]+ s(?= on)|\d+ s left"), "# s"),
-)
 
 
 def printed(arguments):
@@ -261,10 +253,8 @@ def answer(commands):
             Path("log.csv").write_text(log_text(), encoding="utf-8")
         for command in commands:
             status, output, said = printed(command)
-        for pattern, text in CLOCKS:
-            output, said = pattern.sub(text, output), pattern.sub(text, said)
-    lines = [line.rstrip() for line in output.replace(folder, "").splitlines()]
-    return {"status": status, "prints": lines, "says": said.replace(folder, "").splitlines()}
+    lines = [line.rstrip() for line in output.splitlines()]
+    return {"status": status, "prints": lines, "says": said.splitlines()}
 
 
 CASES = {name: lambda commands=commands: answer(commands) for name, commands in COMMANDS.items()}
