@@ -241,6 +241,12 @@ def counted(number: int, noun: str) -> str:
     return f"{number or 'no'} {head}{'' if number == 1 else 's'}{f' of {rest}' if rest else ''}"
 
 
+def text_beside(value: float, bound: float, digits: int) -> str:
+    """Return a value with as many significant digits as tell it from its bound, up to nine."""
+    texts = (f"{value:.{count}g}" for count in range(digits, 10))
+    return next((text for text in texts if float(text) != float(f"{bound:g}")), f"{value:g}")
+
+
 def with_minus(text: str) -> str:
     """Return a number as text with a minus sign in the place of a hyphen."""
     return f"{MINUS}{text[1:]}" if text.startswith("-") else text

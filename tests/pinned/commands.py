@@ -135,8 +135,10 @@ efficiency = 0.9
 stiffness = 13
 friction = 0.012
 """,
-    "weights.csv": "pressure [kPa];time [s];mass [mg]\n100;60;33,2\n200;30;52,5\n300;20;68,3\n400;15;84,1\n500;10;80,2\n",
-    "pump.csv": "pump speed [rpm],time [s],mass [mg]\n10,20,160.5\n20,20,321.2\n40,20,641.0\n60,20,962.4\n80,20,1283.1\n",
+    "weights.csv": (
+        "pressure [kPa];time [s];mass [mg]\n100;60;33,2\n200;30;52,5\n300;20;68,3\n400;15;84,1\n500;10;80,2\n"
+    ),
+    "pump.csv": "pump speed [rpm],time [s],mass [mg]\n10,20,160.5\n20,20,321.2\n40,20,641.0\n80,20,1283.1\n",
     "drops.csv": "drops,mass [mg]\n100,48.1\n200,96.3\n400,192.2\n800,384.9\n",
     "beads.csv": (
         "speed [mm/s],pressure [kPa],gap [mm],width [mm]\n"
@@ -169,59 +171,54 @@ VELOCITY = ("--set", "servo.mode='velocity'", "--set", "servo.notch_frequency=0"
 PLAIN = ("--set", "servo.notch_frequency=0", "--set", "servo.acceleration_ff=0")
 # commands in a folder of their own, of which the output of the last is pinned
 COMMANDS = {
-    "check a file": [("check", "part.ngc")],
-    "check elsewhere": [("check", "part.ngc", "--at", "20,10,1", "--rotate", "90", "--scale", "2", "--speed", "30")],
-    "check a job": [("check", "part.toml", "--set", "servo.law=['pid','friction']")],
-    "check a dry program": [("check", "dry.ngc")],
-    "run": [RUN],
-    "show": [RUN, ("show", "out/part")],
-    "show all": [(*RUN, "--repeat", "2", "--causes"), ("show", "out/part", "all")],
-    "show aspects that a run lacks": [
+    "check": [
+        ("check", "part.ngc"),
+        ("check", "part.ngc", "--at", "20,10,1", "--rotate", "90", "--scale", "2", "--speed", "30"),
+        ("check", "dry.ngc"),
+    ],
+    "run and show": [(*RUN, "--causes", "--repeat", "2"), ("show", "out/part"), ("show", "out/part", "all")],
+    "compare": [
         BRIEF_RUN,
         ("show", "out/part", "faults", "scatter", "levers", "causes"),
+        (*BRIEF_RUN, "--set", "servo.damping=0.5", "--out", "out/soft"),
+        ("compare", "out/part", "out/soft", "-v"),
+        ("compare", "out/part", "--measured", "out/soft", "--no-contrast"),
     ],
-    "run a dry program": [("run", "dry.ngc", "--no-video", "--no-report")],
-    "show a fault before glue": [(*BRIEF_RUN, *WEAK), ("show", "out/part")],
-    "run a fault": [(*BRIEF_RUN, *WEAK)],
-    "gains": [("gains", "part.toml")],
-    "gains of velocity drives": [("gains", "part.toml", "--set", "servo.mode='velocity'")],
-    "gains, trio": [("gains", "part.toml", "--export", "trio", *PLAIN)],
-    "gains, linuxcnc": [("gains", "part.toml", "--export", "linuxcnc-ini", "--set", "servo.notch_frequency=0")],
-    "gains, softmc": [("gains", "part.toml", "--export", "softmc", *VELOCITY)],
-    "gains, fanuc": [("gains", "part.toml", "--export", "fanuc", *VELOCITY, "--set", "servo.integral_time=inf")],
-    "gains, shapers": [("gains", "part.toml", "--export", "klipper")],
-    "gains from an INI file": [("gains", "part.toml", "--from", "linuxcnc-ini", "mill.ini")],
-    "gains from an INI file of steps": [("gains", "part.toml", "--from", "linuxcnc-ini", "steps.ini")],
-    "gains from a printer": [("gains", "slicer-square", "--from", "klipper", "printer.cfg")],
-    "gains from a printer, torque": [("gains", "part.toml", "--from", "klipper", "printer.cfg")],
-    "gains there and back": [
+    "without glue": [
+        ("run", "dry.ngc", "--no-video", "--no-report"),
+        (*BRIEF_RUN, *WEAK),
+        ("show", "out/part"),
+    ],
+    "gains": [
+        ("gains", "part.toml"),
+        ("gains", "part.toml", *VELOCITY),
+        ("gains", "part.toml", "--export", "linuxcnc-ini", "--set", "servo.notch_frequency=0"),
+        ("gains", "part.toml", "--export", "softmc", *VELOCITY),
+        ("gains", "part.toml", "--export", "fanuc", *VELOCITY, "--set", "servo.integral_time=inf"),
+        ("gains", "part.toml", "--export", "klipper"),
+        ("gains", "part.toml", "--export", "trio", *PLAIN, "--out", "gains.bas"),
+    ],
+    "gains from files": [
+        ("gains", "part.toml", "--from", "linuxcnc-ini", "mill.ini"),
+        ("gains", "part.toml", "--from", "linuxcnc-ini", "steps.ini"),
+        ("gains", "slicer-square", "--from", "klipper", "printer.cfg"),
         ("gains", "part.toml", "--export", "trio", *PLAIN, "--out", "gains.bas"),
         ("gains", "part.toml", "--from", "trio", "gains.bas"),
     ],
-    "machine new": [("machine", "new", "soft.toml")],
-    "machine new, job": [("machine", "new", "soft.toml", "--job", "part.toml")],
-    "identify": [("identify", "log.csv", "--machine", "xy", "--rows", "1:3000")],
-    "identify a valve": [("identify", "dispenser", "weights.csv", *GLUE)],
-    "identify a pump": [("identify", "dispenser", "pump.csv", "--density", "1.2")],
-    "identify a jet": [("identify", "dispenser", "drops.csv", "--density", "1.2")],
-    "identify beads": [("identify", "dispenser", "weights.csv", "beads.csv", *GLUE)],
-    "compare": [
-        BRIEF_RUN,
-        (*BRIEF_RUN, "--set", "servo.damping=0.5", "--out", "out/soft"),
-        ("compare", "out/part", "out/soft", "-v"),
+    "machine new": [("machine", "new", "soft.toml", "--job", "part.toml")],
+    "identify": [("identify", "log.csv", "--machine", "xy", "--rows", "1:1200")],
+    "identify a dispenser": [
+        ("identify", "dispenser", "weights.csv", "beads.csv", *GLUE),
+        ("identify", "dispenser", "pump.csv", "--density", "1.2"),
+        ("identify", "dispenser", "drops.csv", "--density", "1.2"),
     ],
-    "compare a measurement": [
-        BRIEF_RUN,
-        (*BRIEF_RUN, "--set", "servo.damping=0.5", "--out", "out/soft"),
-        ("compare", "out/part", "--measured", "out/soft"),
+    "studies": [
+        ("study", "speed", "part.toml", "--workers", "1", "--tolerance", "60"),
+        ("study", "circle", "--machine", "xy", "--radius", "10", "--speed", "60", "--workers", "1"),
     ],
-    "study speed": [("study", "speed", "part.toml", "--workers", "1", "--tolerance", "60")],
-    "study laws": [("study", "laws", "part.toml", "--workers", "1")],
-    "study circle": [("study", "circle", "--machine", "xy", "--radius", "10", "--speed", "60", "--workers", "1")],
-    "study repeat": [("study", "repeat", "part.toml", "--repeats", "3", "--workers", "1")],
-    "info": [("info", "servo.damping")],
-    "info of a dispenser": [("info", "dispenser.stop_lead")],
+    "info": [("info", "servo.damping"), ("info", "dispenser.stop_lead")],
 }
+RULES = str.maketrans(dict.fromkeys("┏┓━┳┃┡╇┩│└┘┴─├┤┼╪", " "))
 
 
 def printed(arguments):
@@ -251,10 +248,13 @@ def answer(commands):
             Path(name).write_text(text, encoding="utf-8")
         if any("log.csv" in command for command in commands):
             Path("log.csv").write_text(log_text(), encoding="utf-8")
-        for command in commands:
-            status, output, said = printed(command)
-    lines = [line.rstrip() for line in output.splitlines()]
-    return {"status": status, "prints": lines, "says": said.splitlines()}
+        return {" ".join(command): told(*printed(command)) for command in commands}
+
+
+def told(status, output, said):
+    """Status and lines of a command, without the lines and walls of tables."""
+    lines = [" ".join(line.translate(RULES).split()) for line in output.splitlines()]
+    return {"status": status, "prints": [line for line in lines if line], "says": said.splitlines()}
 
 
 CASES = {name: lambda commands=commands: answer(commands) for name, commands in COMMANDS.items()}

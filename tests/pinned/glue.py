@@ -6,7 +6,7 @@ from pathlib import Path
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.job.programs import build
-from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.analysis import Analysis, Range
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.glue import dot_verdicts
 from gantrysim.results.run_results import RunResults
@@ -68,6 +68,14 @@ def rows_of(row):
     return {"state": row.state, "remark": row.remark, "checks": checks}
 
 
+def spread(values):
+    """The values of a bead, of a range its mean, least and largest."""
+    found = {name: value for name, value in vars(values).items() if value is not None}
+    return {
+        name: [value.mean, value.min, value.max] if isinstance(value, Range) else value for name, value in found.items()
+    }
+
+
 def answer(name):
     tables = dict(DISPENSERS[name])
     job = job_of(name.replace(",", ""), PROGRAMS[tables.pop("program")], **tables)
@@ -84,7 +92,7 @@ def answer(name):
         "demand": run.flow_demand[::every],
         "volume": float(flow.sum() * run.period),
         "demanded": float(run.flow_demand.sum() * run.period),
-        "bead": None if results.bead_values is None else results.bead_values,
+        "bead": None if results.bead_values is None else spread(results.bead_values),
         "glue": rows_of(verdict["glue"]),
         "stall": verdict.stall,
         "headline": verdict.headline,

@@ -9,7 +9,7 @@ from gantrysim.job.causes import causes_of
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.improve import improve
-from gantrysim.remedy.report import change_section, found_changes
+from gantrysim.remedy.report import found_changes
 from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults
 
@@ -17,7 +17,18 @@ from support.remedies import AREA, DOTS, FLOW, LAG, SIDES, lines_job, sliced_job
 
 # no clock, path or version
 # errors of links stand beside errors of the whole
-LEFT_OUT = ("versions", "sections", "changes", "verdict", "error_budget", "causes", "glue_causes", "job", "machine")
+LEFT_OUT = (
+    "servo",
+    "versions",
+    "sections",
+    "changes",
+    "verdict",
+    "error_budget",
+    "causes",
+    "glue_causes",
+    "job",
+    "machine",
+)
 
 
 JOBS = {
@@ -34,7 +45,6 @@ JOBS = {
 RUNS = {
     "load encoders": {"servo": {"feedback": "load"}},
     "velocity drives, late": {"servo": {"mode": "velocity", "delay": 0.0005, "feedback_delay": 1}},
-    "position drives": {"servo": {"mode": "position"}},
     "noise": {"servo": {"encoder_noise": 0.001, "interpolation_error": 0.0005, "signal_period": 0.02}},
     "friction, observer, contour": {"servo": {"law": ["pid", "friction", "observer", "contour"]}},
     "cascade, preview, zv": {"servo": {"law": ["p-pi", "preview", "zv"]}},
@@ -80,7 +90,7 @@ def run_answer(tables):
     found = summary(results)
     kept = {key: found[key] for key in found if key not in LEFT_OUT and found[key]}
     kept = {key: without_nulls(value) for key, value in kept.items()}
-    return digits({"verdict": str(results.verdict), "budget": str(results.budget), **kept})
+    return digits({"verdict": str(results.verdict), **kept})
 
 
 @cache
@@ -99,7 +109,6 @@ def improve_answer(name):
         "rows": [" | ".join(row) for row in improvement.rows],
         "outcome": changes.remedy.outcome,
         "remains": changes.remedy.sentence,
-        "section": change_section(improvement).content()["text"],
     }
 
 
@@ -111,5 +120,5 @@ def cause_answer(name):
 
 
 CASES = {f"run, {name}": lambda tables=tables: run_answer(tables) for name, tables in RUNS.items()}
-CASES |= {f"causes, {name}": lambda name=name: cause_answer(name) for name in ("soft", "spiral", "geometry")}
+CASES |= {f"causes, {name}": lambda name=name: cause_answer(name) for name in ("soft", "geometry")}
 CASES |= {f"improve, {name}": lambda name=name: improve_answer(name) for name in JOBS}
