@@ -206,7 +206,7 @@ COMMANDS = {
         ("gains", "part.toml", "--from", "trio", "gains.bas"),
     ],
     "machine new": [("machine", "new", "soft.toml", "--job", "part.toml")],
-    "identify": [("identify", "log.csv", "--machine", "xy", "--rows", "1:1200")],
+    "identify": [("identify", "log.csv", "--machine", "xy", "--rows", "1:2200")],
     "identify a dispenser": [
         ("identify", "dispenser", "weights.csv", "beads.csv", *GLUE),
         ("identify", "dispenser", "pump.csv", "--density", "1.2"),

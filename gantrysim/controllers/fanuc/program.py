@@ -282,8 +282,9 @@ class Program(Controller):
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes: x, y, and z and the rotary one if the program moves them."""
-        flat = all(leg.plane == "xy" and not leg.climbs for leg in self.legs)
+        """Names of the axes: x, y, z unless everything lies at the height 0, and the rotary one if it moves."""
+        height = self.placement.point(self.start)[2]
+        flat = height == 0 and all(leg.plane == "xy" and not leg.climbs for leg in self.legs)
         turns = any(leg.rotary[0] != leg.rotary[1] for leg in self.legs)
         return ("x", "y", *(() if flat else ("z",)), *((self.rotary_axis,) if turns else ()))
 
