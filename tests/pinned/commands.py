@@ -191,7 +191,6 @@ COMMANDS = {
     ],
     "gains": [
         ("gains", "part.toml"),
-        ("gains", "part.toml", *VELOCITY),
         ("gains", "part.toml", "--export", "linuxcnc-ini", "--set", "servo.notch_frequency=0"),
         ("gains", "part.toml", "--export", "softmc", *VELOCITY),
         ("gains", "part.toml", "--export", "fanuc", *VELOCITY, "--set", "servo.integral_time=inf"),

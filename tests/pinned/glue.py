@@ -89,7 +89,6 @@ def answer(name):
     found = {
         "duration": run.time[-1],
         "flow": flow[::every],
-        "demand": run.flow_demand[::every],
         "volume": float(flow.sum() * run.period),
         "demanded": float(run.flow_demand.sum() * run.period),
         "bead": None if results.bead_values is None else spread(results.bead_values),

@@ -60,7 +60,7 @@ def write(room, answers):
 
 def dumped(value, indent=0):
     """JSON of which a list or table of numbers is one line, and any other item has a line of its own."""
-    line = json.dumps(value, ensure_ascii=False)
+    line = json.dumps(value, ensure_ascii=False, separators=(",", ": "))
     items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     is_flat = not any(isinstance(item, dict) or (isinstance(item, str) and len(item) > SHORT) for item in items)
     if not isinstance(value, dict | list) or not value or (is_flat and len(line) + indent <= WIDTH):
