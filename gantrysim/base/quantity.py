@@ -235,6 +235,18 @@ def number_text(value: float | None, form: str) -> str:
     return with_minus(text) if float(text.replace(",", "")) else "0"
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, as in "1 corner" and "no corners"; of "arc of X" the first word is counted."""
+    head, _, rest = noun.partition(" of ")
+    return f"{number or 'no'} {head}{'' if number == 1 else 's'}{f' of {rest}' if rest else ''}"
+
+
+def text_beside(value: float, bound: float, digits: int) -> str:
+    """Return a value with as many significant digits as tell it from its bound, up to nine."""
+    texts = (f"{value:.{count}g}" for count in range(digits, 10))
+    return next((text for text in texts if float(text) != float(f"{bound:g}")), f"{value:g}")
+
+
 def with_minus(text: str) -> str:
     """Return a number as text with a minus sign in the place of a hyphen."""
     return f"{MINUS}{text[1:]}" if text.startswith("-") else text

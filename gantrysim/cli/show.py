@@ -49,12 +49,13 @@ def show_run(
     if not file.is_file():
         raise InputError(f"run {run}: {SUMMARY} is missing: run {run / 'job.toml'} again")
     summary = json.loads(file.read_text(encoding="utf-8"))
-    if "sections" not in summary:
-        raise InputError(f"run {run}: written by an earlier version: run {run / 'job.toml'} again")
-    if not saved.run.dispense.any():
+    # a run that ended before the dispenser was on has no errors, and no sections
+    if not saved.run.dispense.any() and "headline" in summary:
         say(f"verdict {summary['verdict']['headline']}", wrap=True)
         say(summary["headline"], wrap=True)
         return
+    if "sections" not in summary:
+        raise InputError(f"run {run}: written by an earlier version: run {run / 'job.toml'} again")
     results = _results(saved)
     if not names:
         answer = Answer.of(results)

@@ -48,7 +48,7 @@ def sizing_table(machine: Machine, sizing: Sizing, period: float) -> Table:
     for axis_sizing in sizing.axes:
         table.add_column(axis_sizing.axis.name, justify="right", no_wrap=True)
     job = any(not math.isnan(axis_sizing.rms) for axis_sizing in sizing.axes)
-    travels = ("{:.4g} to {:.4g}".format(*axis_sizing.axis.travel) for axis_sizing in sizing.axes)
+    travels = (" to ".join(number_text(end, ".4g") for end in axis_sizing.axis.travel) for axis_sizing in sizing.axes)
     units = "/".join(dict.fromkeys(axis_sizing.axis.unit for axis_sizing in sizing.axes))
     symbols = {
         "u": units,

@@ -311,7 +311,8 @@ def program_lines(limits: Sequence[AxisLimits], acceleration: float = 0.0) -> li
     lines = ["[program]"]
     if acceleration or lowest:
         meaning = "along the path" if acceleration else "the lowest of the axes"
-        lines.append(f"acceleration = {acceleration or lowest!r}  # {meaning} [mm/s²]")
-    of_axes = ", ".join(repr(speeds.get(name) or math.inf) for name in "xyz")
+        lines.append(f"acceleration = {float(f'{acceleration or lowest:.12g}')!r}  # {meaning} [mm/s²]")
+    # of speeds in inches the last digits are rounding
+    of_axes = ", ".join(repr(float(f"{speeds.get(name) or math.inf:.12g}")) for name in "xyz")
     lines.append(f"axis_speeds = [{of_axes}]  # x, y, z [mm/s]")
     return lines

@@ -187,7 +187,12 @@ def read_gains(
     remarks = [
         remark for words, axis in zip(words_by_axis, axis_servos, strict=True) for remark in chosen.remarks(words, axis)
     ]
-    return servo.with_values(**values), remarks
+    read = servo.with_values(**values)
+    # a controller that has no parameter for them has none, where the job's servo does
+    kept = ", ".join(unsaid(chosen, axis_servos, read).values())
+    if kept:
+        remarks.append(f"no parameter of {chosen.name} states {kept}: kept from the job's servo")
+    return read, remarks
 
 
 def has_gains(name: str, text: str, axes: Sequence[Axis], servo: Servo) -> bool:

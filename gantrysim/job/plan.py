@@ -21,6 +21,7 @@ from gantrysim.record.setpoints import Setpoints
 # Checks against the machine: the program's frame and geometry, and the number of values in a servo file.
 
 _PROBES = 64  # places along the path
+_SAME_HEIGHT = 1e-6  # difference of heights that is rounding [mm]
 _OFF = 1.0  # distance of the commanded tip from the path beyond which the geometry is another [mm]
 
 
@@ -42,6 +43,7 @@ def check_fit(machine: Machine, controller: Controller, setpoints: Setpoints, na
             "not: use machine stage"
         )
     if not machine.turns_work:
+        _check_height(machine, controller, setpoints, name)
         return
     on = np.flatnonzero(setpoints.dispense)
     if not on.size:
@@ -59,6 +61,19 @@ def check_fit(machine: Machine, controller: Controller, setpoints: Setpoints, na
         raise InputError(
             f"{name}: on machine {machine.name} its positions put the nozzle up to {off:.4g} mm off the requested "
             f"path: {reason}"
+        )
+
+
+def _check_height(machine: Machine, controller: Controller, setpoints: Setpoints, name: str) -> None:
+    """Raise InputError for a program that lies at another height than the nozzle, and commands none."""
+    if "z" in setpoints.axes:
+        return
+    held = float(machine.tip(axis_positions(machine, setpoints)[:1])[0, 2])
+    height = float(controller.requested.position(0.0)[0, 2])
+    if abs(height - held) > _SAME_HEIGHT:
+        raise InputError(
+            f"{name}: its path lies at z = {height:.4g} mm, but it commands no z, and machine {machine.name} holds its "
+            f"nozzle at z = {held:.4g} mm: add {held - height:.4g} to program.placement.z, or move z in the program"
         )
 
 

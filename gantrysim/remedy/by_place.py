@@ -28,6 +28,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, InputError
 from gantrysim.base.files import replaced_file
+from gantrysim.base.quantity import counted
 from gantrysim.controllers.speeds import Stretches
 from gantrysim.engine.recording import dispensed_otherwise
 from gantrysim.glue.bead import Bead
@@ -136,9 +137,11 @@ class SpeedByPlace:
         times = f"{self.outcome.duration:.2f} s instead of {self.other:.2f} s"
         if all(speed.after == speed.before for speed in self.speeds):
             return f"{self.outcome.state} with the program's own speeds: {times}{glue}"
+        spread = f"from {slowest:.4g} to {fastest:.4g} mm/s"
+        if self.changes == 1:
+            spread = f"of {fastest:.4g} mm/s"
         return (
-            f"{self.outcome.state} with a speed by place: {times}, "
-            f"with {self.changes} speeds from {slowest:.4g} to {fastest:.4g} mm/s{glue}"
+            f"{self.outcome.state} with a speed by place: {times}, with {counted(self.changes, 'speed')} {spread}{glue}"
         )
 
 

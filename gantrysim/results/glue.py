@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, spans
-from gantrysim.base.quantity import contents, number_text
+from gantrysim.base.quantity import contents, counted, number_text
 from gantrysim.glue.bead import Bead, Ploughing
 from gantrysim.glue.bead.dots import Dot
 from gantrysim.glue.bead.trace import BeadTrace
@@ -166,7 +166,7 @@ class BeadWidth:
             return "width not judged: every stretch of bead is shorter than a start and a stop"
         return (
             f"{WIDTH_SHARE.label} on {WIDTH_SHARE.text(self.share)} of the length between starts and stops: "
-            f"{_counted_noun(self.blobs, 'blob')}, {_counted_noun(self.gaps, 'gap')}"
+            f"{counted(self.blobs, 'blob')}, {counted(self.gaps, 'gap')}"
         )
 
     def content(self) -> dict[str, float | None]:
@@ -266,7 +266,7 @@ def _ploughing_remarks(ploughing: Ploughing, bead: Bead, tolerance: Tolerance) -
     # the place of the worst value is that of one pass
     length = f"{PLOUGHED.text(ploughing.length)}{'' if ploughing.passes == 1 else ' in all'}"
     depth = f"up to {PLOUGHED_DEPTH.text(ploughing.depth)} deep" if below else "touching its top"
-    glue = f"glue, {_counted_noun(ploughing.dots, 'dot')} among it" if ploughing.dots else "bead"
+    glue = f"glue, {counted(ploughing.dots, 'dot')} among it" if ploughing.dots else "bead"
     reason = _off_the_path(bead, tolerance) or _remedy(ploughing.tick, bead)
     yield f"{THROUGH_GLUE} {glue}: {passes}, {length}, {depth}; {reason}"
 
@@ -312,10 +312,6 @@ def ploughing_reason(row: Row) -> str:
 def ploughing_remedy(row: Row) -> str:
     """Return what prevents the passes of the needle through glue, as an order, likewise."""
     return ploughing_reason(row).rpartition(": ")[2]
-
-
-def _counted_noun(number: int, noun: str) -> str:
-    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
 
 
 @dataclass(frozen=True)

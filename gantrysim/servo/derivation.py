@@ -14,6 +14,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, between, positive
+from gantrysim.base.quantity import text_beside
 from gantrysim.servo import notch
 from gantrysim.servo.axis_dynamics import AxisDynamics, Lags, coupled_groups
 from gantrysim.servo.gains import Gains
@@ -391,5 +392,6 @@ def margin_in_words(name: str, margins: Margins) -> str:
     if not gain:
         return f"{name} is unstable"
     if gain < LEAST_GAIN_MARGIN:
-        return f"{name} has a gain margin of {gain:.3g} (at least {LEAST_GAIN_MARGIN:g})"
-    return f"{name} has a peak of |S| of {margins.sensitivity:.4g} (at most {LARGEST_PEAK:g})"
+        return f"{name} has a gain margin of {text_beside(gain, LEAST_GAIN_MARGIN, 3)} (at least {LEAST_GAIN_MARGIN:g})"
+    peak = text_beside(margins.sensitivity, LARGEST_PEAK, 4)
+    return f"{name} has a peak of |S| of {peak} (at most {LARGEST_PEAK:g})"

@@ -43,6 +43,9 @@ def ends(text, **settings):
         ("G01 F600\nG65 P7 A3 B4\nX9\nM30\nO7\nX#1 Y#2\nM99", [(3, 4), (9, 4)]),
         ("#1=4\n#100=6\nG01 F600\nG65 P7 X1\nX#1\nM30\nO7\n#1=9\nY#100\nM99", [(0, 6), (4, 6)]),
         ("G01 F600\nM98 P7\nX5\nN9 Y1\nM30\nO7\nX2\nM99 P9", [(2, 0), (2, 1)]),
+        # the other words of the block with M99 are run before the return
+        ("G01 F600\nM98 P7\nX5\nM30\nO7\nG91 X1\nG90 Y2 M99", [(1, 0), (1, 2), (5, 2)]),
+        ("G01 F600\nM98 P7\nX5\nN9 Y1\nM30\nO7\nX2\nY3 M99 P9", [(2, 0), (2, 3), (2, 1)]),
         ("G01 X1 F600\nX#5001 Y[#5001+1]", [(1, 0), (1, 2)]),
         ("#1=FIX[-1.5]\n#2=FUP[-1.5]\nG01 X#1 Y#2 F600", [(-1, -2)]),
         ("G01 X1 F600\nO2\nX5", [(1, 0)]),  # another program follows

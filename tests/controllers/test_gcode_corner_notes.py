@@ -15,7 +15,7 @@ def sliced(head, tolerance=0.05):
 
 
 def corner_note(program):
-    return next(note for note in program.notes if "corners between moves at feed" in note)
+    return next(note for note in program.notes if "between moves at feed" in note)
 
 
 KLIPPER = "SET_VELOCITY_LIMIT SQUARE_CORNER_VELOCITY="
@@ -35,7 +35,7 @@ def test_where_the_program_sets_the_speed_of_corners_the_advice_is_about_that(ti
 
 def test_a_wider_rounding_is_not_advised_for_a_reversal():
     note = corner_note(sliced(""))
-    assert note.endswith("1 of them turn back or join an arc, which no rounding passes faster.")
+    assert note.endswith("It turns back or joins an arc, which no rounding passes faster.")
     assert "larger corner_tolerance" not in note
 
 
@@ -43,5 +43,5 @@ def test_rounding_is_advised_where_it_makes_the_program_faster():
     exact = linuxcnc.Program(text=f"G21 G90 G61 F3000\n{ZIGZAG}M2\n")
     note = corner_note(exact)
     blending = linuxcnc.Program(text=f"G21 G90 G64 P0.05 F3000\n{ZIGZAG}M2\n")
-    assert re.search(r"G64 P0.05 rounds corners.*1 of them turn back", note)
+    assert re.search(r"G64 P0.05 rounds corners.*1 of them turns back", note)
     assert blending.duration < exact.duration

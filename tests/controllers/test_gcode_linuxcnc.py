@@ -247,7 +247,7 @@ def test_arcs_that_grbl_refuses_are_noted(radius, off, refused):
     noted = [note for note in made.notes if "grbl" in note]
     assert len(noted) == refused
     if refused:
-        assert f"1 arcs end off their circle, by {off:.3g} mm in line 4" in noted[0]
+        assert f"1 arc ends off its circle, by {off:.3g} mm in line 4" in noted[0]
     assert not any("grbl" in note for note in Program(text="G64\n" + text).notes)
 
 

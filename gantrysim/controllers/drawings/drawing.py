@@ -17,6 +17,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, finite, plane_point, positive, unknown
 from gantrysim.base.extras import extra
+from gantrysim.base.quantity import counted
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.drawings.dxf import BINARY, read_dxf
 from gantrysim.controllers.drawings.planning import Paused, planned_progress
@@ -347,7 +348,8 @@ class Drawing(Controller):
         corners = self.route.corners
         laid = sum(leg.length for leg in legs if leg.glue)
         notes = [
-            f"drawing: {self.kind}, {len(self._strokes)} strokes in {self.route.stretches} stretches; "
+            f"drawing: {self.kind}, {counted(len(self._strokes), 'stroke')} in {self.route.stretches} "
+            f"stretch{'' if self.route.stretches == 1 else 'es'}; "
             f"{laid:.1f} mm of glue, {self.route.chain.length - laid:.1f} mm of travel"
         ]
         ignored = dict(self.sheet.ignored)
@@ -371,7 +373,11 @@ class Drawing(Controller):
 
 
 def _counts(ignored: dict[str, int]) -> str:
-    return ", ".join(f"{count} {kind}" for kind, count in sorted(ignored.items()))
+    # of what has a name in the drawing, as TEXT or <text>, the name alone
+    return ", ".join(
+        counted(count, kind) if kind[0].islower() and kind != "invisible" else f"{count} {kind}"
+        for kind, count in sorted(ignored.items())
+    )
 
 
 def millimetres(unit: str) -> float | None:

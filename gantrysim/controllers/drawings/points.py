@@ -381,7 +381,8 @@ def read_points(text: str, unit: float | None, curve: str, dots: bool) -> Sheet:
             if row.kind == END:
                 collected.close(rows, curve)
         collected.close(rows, curve)
-    ignored = {"single point": collected.single, "dot": ignored_dots}
+    moves = sum(row.kind == MOVE for block in table.blocks for row in block)
+    ignored = {"single point": collected.single, "dot": ignored_dots, "point of kind move": moves}
     remarks = (f"columns that are not used: {', '.join(table.unused)}",) if table.unused else ()
     return Sheet(tuple(collected.strokes), {kind: count for kind, count in ignored.items() if count}, remarks)
 

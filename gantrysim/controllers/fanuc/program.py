@@ -125,7 +125,7 @@ class Program(Controller):
         program: text of the program, or blocks.
         start: initial position [mm].
         rapid: speed of rapid moves, G00 [mm/min].
-        acceleration: acceleration limit of each of x, y and z; none by default, but 1000 for a program file [mm/s²].
+        acceleration: acceleration limit of every linear axis; none by default, but 1000 for a program file [mm/s²].
         end_point_tolerance: tolerance on a spiral's radius and height at its end, parameter 3471 [mm].
         radius_tolerance: tolerance on an arc's radius at its end, parameter 3410, and on R below half the chord [mm].
         clamp: feed limit by an arc's radius, parameters 1730 to 1732; none by default.
@@ -283,8 +283,9 @@ class Program(Controller):
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes: x, y, and z and the rotary one if the program moves them."""
-        flat = all(leg.plane == "xy" and not leg.climbs for leg in self.legs)
+        """Names of the axes: x, y, z unless everything lies at the height 0, and the rotary one if it moves."""
+        height = self.placement.point(self.start)[2]
+        flat = height == 0 and all(leg.plane == "xy" and not leg.climbs for leg in self.legs)
         turns = any(leg.rotary[0] != leg.rotary[1] for leg in self.legs)
         return ("x", "y", *(() if flat else ("z",)), *((self.rotary_axis,) if turns else ()))
 

@@ -410,16 +410,21 @@ class Sequence(Flow[Words]):
 
     @call
     def m99(self, words: Words) -> Executed:
-        """Return from a subprogram, to the block P if given; the end of the main program."""
+        """Return from a subprogram, to the block P if given; the end of the main program.
+
+        The other words of the block are run before it, as in `X100.0 Y100.0 M99` or `G90 M99`.
+        """
         if not self.depth:
             return END, words
         back = self.calls[-1].back
         depth = self.depth
         following = self.end_repetition()
-        if self.depth < depth and "P" in words.values:
+        words.values.pop("L", None)
+        number = words.values.pop("P", None)
+        if self.depth < depth and number is not None:
             self._source = words
-            return self._label_position(self._program_at(back - 1), words.values["P"]), None
-        return following, None
+            return self._label_position(self._program_at(back - 1), number), words
+        return following, words
 
 
 def _is_loop(digit: str) -> bool:

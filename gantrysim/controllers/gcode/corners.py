@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.jit import jit
+from gantrysim.base.quantity import counted
 from gantrysim.paths.track import Track
 
 
@@ -48,11 +49,15 @@ class Corners(NamedTuple):
             remedies.append(remedy)
         others = self.stops - self.by_firmware - self.roundable
         if others:
-            remedies.append(f"{others} of them turn back or join an arc, which no rounding passes faster.")
-        return (
-            f"{self.stops} corners between moves at feed are passed at less than a tenth of the feed; the moves before "
-            f"them are {self.small:.3g} mm long at the median. {' '.join(remedies)}"
-        )
+            turning = "1 of them turns back or joins" if others == 1 else f"{others} of them turn back or join"
+            if self.stops == 1:
+                turning = "It turns back or joins"
+            remedies.append(f"{turning} an arc, which no rounding passes faster.")
+        passed = f"is passed at less than a tenth of the feed; the move before it is {self.small:.3g} mm long"
+        if self.stops > 1:
+            before = f"the moves before them are {self.small:.3g} mm long at the median"
+            passed = f"are passed at less than a tenth of the feed; {before}"
+        return f"{counted(self.stops, 'corner')} between moves at feed {passed}. {' '.join(remedies)}"
 
 
 # Rounded corners: consecutive lines joined by arcs within a tolerance; short lines merged within another.

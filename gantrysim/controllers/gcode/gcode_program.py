@@ -266,9 +266,9 @@ class GCode(Controller):
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes: x, y, and z if the program moves it."""
+        """Names of the axes: x, y, and z unless everything lies at the height 0."""
         # arcs in other planes leave the height also where their ends do not
-        flat = np.ptp(self.requested.points[:, 2]) == 0 and not self.requested.parameters()["plane"].any()
+        flat = not self.requested.points[:, 2].any() and not self.requested.parameters()["plane"].any()
         return ("x", "y") if flat else ("x", "y", "z")
 
     @cached_property

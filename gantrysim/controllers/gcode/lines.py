@@ -104,7 +104,8 @@ def compact(line: str) -> str:
 
 def sender_command(text: str) -> FirmwareCommand | None:
     """Return a line that is for a sender or for grbl's settings, which does not move; None for any other line."""
-    return FirmwareCommand(text[:2], text[2:]) if _SENDER.match(text) else None
+    match = _SENDER.match(text)
+    return FirmwareCommand(match[0].rstrip("="), text[match.end() :]) if match else None
 
 
 def read_firmware(line: str) -> str | FirmwareCommand:

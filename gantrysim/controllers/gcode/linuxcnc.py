@@ -45,9 +45,12 @@ def refused_by_grbl(program: Interpreted) -> tuple[str, ...]:
     if not refused.any():
         return ()
     worst = int(np.where(refused, off, 0.0).argmax())
+    is_one = refused.sum() == 1
+    ends = "1 arc ends off its circle," if is_one else f"{refused.sum()} arcs end off their circles, at most"
+    them = "it" if is_one else "them"
     return (
-        f"{refused.sum()} arcs end off their circle, by {off[worst]:.3g} mm in line {table[rows[worst], SOURCE]:.0f}: "
-        f"run as LinuxCNC runs them, but grbl refuses more than {_ACCEPTED:g} mm and {100 * _RELATIVE:g} % of the "
+        f"{ends} by {off[worst]:.3g} mm in line {table[rows[worst], SOURCE]:.0f}: "
+        f"run as LinuxCNC runs {them}, but grbl refuses more than {_ACCEPTED:g} mm and {100 * _RELATIVE:g} % of the "
         "radius.",
     )
 
@@ -98,7 +101,7 @@ class Program(GCode):
         placement: placement of the program on the work.
         start: initial position, also that of G28 and G30 [mm].
         rapid: speed limit of each axis in rapid moves, G0; an assumption [mm/min].
-        acceleration: acceleration limit of each of x, y and z; an assumption [mm/s²].
+        acceleration: acceleration limit of every axis; an assumption [mm/s²].
         cycle: period of the trajectory planner, in which the velocity may jump at a corner; an assumption [s].
         feed_override: factor applied to all feeds.
         dispense: when glue is laid; by default in moves at feed, but only between the program's codes for the valve if

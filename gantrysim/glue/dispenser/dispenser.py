@@ -92,8 +92,8 @@ class Dispenser:
         closing_dead_time: the same of a valve that closes; None for `dead_time` [s].
         opening: time constant of rising flow or pressure [s].
         closing: time constant of falling flow or pressure [s].
-        start_lead: time by which the valve opens ahead of the program's on command [s].
-        stop_lead: time by which the valve closes ahead of the program's off command [s].
+        start_lead: lead of the valve's opening: time ahead of the program's on command [s].
+        stop_lead: lead of the valve's closing: time ahead of the program's off command [s].
         advance: lag compensation: adds the request's rate of change multiplied by this time [s].
         limit: largest request: a flow rate [mm³/s], or a pressure [kPa] with time-pressure metering; inf for none.
         filament: diameter of the filament that the program feeds by E, an alternative to `flow`: the flow rate is then

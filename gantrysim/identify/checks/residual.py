@@ -20,6 +20,7 @@ import numpy as np
 from scipy.signal import welch
 
 from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.quantity import text_beside
 from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
 from gantrysim.identify.pieces import longest_piece
 from gantrysim.identify.prediction import error_variance
@@ -174,7 +175,7 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
         findings.append(Finding(RESIDUAL, PREDICTED, reason))
     colour = float(np.abs(correlation(fit.residual)).max())
     if colour > WHITE:
-        reason = f"the residual is correlated by {colour:.2f}: must be at most {WHITE}"
+        reason = f"the residual is correlated by {text_beside(colour, WHITE, 2)}: must be at most {WHITE}"
         findings.append(Finding(RESIDUAL, PREDICTED if balanced else (), reason))
     return Doubt({}, findings)
 

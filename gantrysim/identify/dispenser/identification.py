@@ -209,6 +209,11 @@ class DispenserIdentification:
         return self.measured.kind in (VOLUMETRIC, PISTON)
 
     @property
+    def _shows_pressure(self) -> bool:
+        """Whether the measurements depend on the pressure that the needle makes: a pump without slip does not."""
+        return any(x.has("pressure") for x in self.measured.experiments) or bool(self.measured.of_kind(RECORD))
+
+    @property
     def _derivable(self) -> list[str]:
         names = []
         if DEAD_TIME in self.fit.values:
@@ -314,6 +319,8 @@ class DispenserIdentification:
         needs_size = name in (CONSISTENCY, YIELD, PUMP_COMPLIANCE, COMPLIANCE)
         if needs_size and not self.measured.has_needle:
             return "needle not given"
+        if name == INDEX and self._is_driven and not self._shows_pressure:
+            return "no pressure measured"
         half = 0.5 * (high - low)
         if half <= max(self._bound(name) * abs(value), self._slack(name)):
             return ""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, whole_number
+from gantrysim.base.quantity import counted
 from gantrysim.controllers.basic.code import Code
 from gantrysim.controllers.basic.statements import Statements, with_keywords
 from gantrysim.controllers.controller import Controller
@@ -215,7 +216,8 @@ class Basic(Controller):
         if task.time.settled and task.time.supervised and task.time.supervised.settle_error == np.inf:
             notes.append("waits for settling have no effect without PositionErrorSettle")
         if task.prints:
-            notes.append(f"prints {task.prints} lines, the first: {task.printed[0]}")
+            first = ", the first" if task.prints > 1 else ""
+            notes.append(f"prints {counted(task.prints, 'line')}{first}: {task.printed[0]}")
         return tuple(notes)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
