@@ -237,8 +237,8 @@ def number_text(value: float | None, form: str) -> str:
 
 def counted(number: int, noun: str) -> str:
     """Return a number with its noun, as in "1 corner" and "no corners"; of "arc of X" the first word is counted."""
-    head, _, rest = noun.partition(" of ")
-    return f"{number or 'no'} {head}{'' if number == 1 else 's'}{f' of {rest}' if rest else ''}"
+    head, of, whole = noun.partition(" of ")
+    return f"{number or 'no'} {head}{'' if number == 1 else 's'}{of}{whole}"
 
 
 def text_beside(value: float, bound: float, digits: int) -> str:

@@ -189,9 +189,9 @@ def read_gains(
     ]
     read = servo.with_values(**values)
     # a controller that has no parameter for them has none, where the job's servo does
-    kept = ", ".join(unsaid(chosen, axis_servos, read).values())
-    if kept:
-        remarks.append(f"no parameter of {chosen.name} states {kept}: kept from the job's servo")
+    unstated = ", ".join(unsaid(chosen, axis_servos, read).values())
+    if unstated:
+        remarks.append(f"no parameter of {chosen.name} states {unstated}: kept from the job's servo")
     return read, remarks
 
 
