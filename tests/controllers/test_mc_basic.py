@@ -323,7 +323,7 @@ def test_an_argument_out_of_its_bound_is_named(arguments, message):
 def test_properties_without_effect_are_noted():
     notes = Basic("a1.pfac = 2^16\na2.pfac = 1\nsys.doubleformat = 1\ndecstop = 5" + MOVES, start=(1, 1)).notes
     assert notes == ("4 assignments without effect here, of axis pfac, group decstop, system doubleformat",)
-    assert Basic("print 5" + MOVES).notes[-1] == "prints 1 lines, the first: 5"
+    assert Basic("print 5" + MOVES).notes[-1] == "prints 1 line: 5"
 
 
 def test_a_group_may_be_declared_after_its_first_property():
@@ -342,3 +342,11 @@ def test_the_registry_builds_it_and_its_arguments_build_it_again():
     basic = build("softmc.Basic", {"text": MOVES, "group": {"velocity": 50.0}})
     assert basic.suffixes == (".prg",)
     assert build("softmc.Basic", basic.arguments()).arguments() == basic.arguments()
+
+
+def test_a_program_has_a_million_characters_at_most():
+    begin = "move {0, 0}\nmove {10, 0}\n'"
+    longest = begin + (1_000_000 - len(begin)) * "x"
+    assert Basic(longest).setpoints(1e-3).requested.length == pytest.approx(10.0)
+    with pytest.raises(InputError, match=r"^program of 1000001 characters: must be at most 1000000$"):
+        Basic(longest + "x")

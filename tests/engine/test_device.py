@@ -43,7 +43,7 @@ path = ArcChain((-70.0, 0.0), 0.0, [0.0], [0.5])
 for options in (OPTIONS[int(number)] for number in sys.argv[1:]):
     servo = Servo.derive(xy.axes, PERIOD, **options)
     # the second run is shorter
-    setpoints = [Setpoints.along(path, speed, PERIOD) for speed in (100.0, 160.0)]
+    setpoints = [Setpoints.along(path, speed, PERIOD) for speed in (70.0, 100.0)]
     runs = simulate_batch(machines, servo, setpoints, device="cuda")
     others = simulate_batch(machines, servo, setpoints, engine="loop")
     for run, other in zip(runs, others, strict=True):

@@ -4,7 +4,15 @@ from importlib import import_module
 
 # with the tolerance of their numbers: encoder counts and friction amplify the last bit of a setpoint, so that figures
 # of a run on a machine are good to half a percent
-ROOMS = {"programs": 1e-6, "glue": 1e-6, "servos": 1e-6, "runs": 5e-3, "commands": 5e-3, "environments": 1e-3}
+ROOMS = {
+    "programs": 1e-6,
+    "glue": 1e-6,
+    "servos": 1e-6,
+    "runs": 5e-3,
+    "commands": 5e-3,
+    "environments": 1e-3,
+    "plots": 5e-3,
+}
 
 
 def cases_of(room):

@@ -323,6 +323,7 @@ def test_bad_films_are_refused(xy, run, alone, tmp_path):
         with pytest.raises(InputError, match="size of the video = 301 x 201: must be even numbers of pixels"):
             odd.save(tmp_path / "a.mp4")
         assert odd.save(tmp_path / "odd.gif", fps=2) > 2
+    assert of_gif(tmp_path / "odd.gif")[0][0].shape == (201, 301, 3)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["folder.png", "odd.gif"]
 
 

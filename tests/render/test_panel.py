@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from gantrysim import Fault, InputError, Job
 from gantrysim.base import columns, memory
 from gantrysim.glue.bead.trace import BeadTrace
+from gantrysim.machine.machine import model_file
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.render.colours import Scale, scale_for
 from gantrysim.render.fonts import MUTED, PAPER, font, rgb
@@ -645,6 +647,16 @@ def test_a_label_counts_the_values_beyond_three_in_which_jobs_differ():
     for label in differences(jobs):
         assert label.count(" = ") == 3
         assert label.endswith(", 2 more")
+
+
+@pytest.mark.parametrize(("count", "is_shown"), [(24, True), (25, False)])
+def test_a_value_of_more_than_24_letters_stands_in_no_label(tmp_path, count, is_shown):
+    # with the files that it includes
+    folder = shutil.copytree(model_file("xy").parent, tmp_path / "machines")
+    machine = (folder / "xy.xml").rename(folder / f"{'m' * count}.xml")
+    jobs = [Job.load("an225"), Job.load("an225", {"machine": str(machine), "program.turns": 2})]
+    labels = differences(jobs)
+    assert labels[1] == (f"machine = {'m' * count}, turns = 2" if is_shown else "turns = 2, 1 more")
 
 
 def test_the_scale_of_widths_reaches_three_tolerances_to_either_side(run):

@@ -133,7 +133,7 @@ def test_any_text_is_read_or_refused_in_one_line(text, kind):
         ("x,y,kind\n0,0,start\n1,1,arc\n", r"line 3: point of an arc without a point after it"),
         ("x,y,time [h]\n0,0,1\n", r"column time is in 'h': must be in s"),
         ("x,z\n0,0\n", r"line 1: columns x, z: must have x and y"),
-        ("x,y,kind\n1,2,dot\n0,0,dot\n", "nothing is traced; ignored: 2 dot; must have"),
+        ("x,y,kind\n1,2,dot\n0,0,dot\n", "nothing is traced; ignored: 2 dots; must have"),
         ("0,0\n2e6,0\n", r"line 2: coordinate of 2000000 mm: must be within ± 1e\+06 mm"),
         (svg('<path d="M0 0h2e6"/>'), r"svg: <path>: coordinate of 2000000 mm: must be finite and within ± 1e\+06 mm"),
         ("AutoCAD Binary DXF\r\n\x1a\x00", r"dxf: binary: must be saved as an ASCII DXF"),

@@ -230,6 +230,11 @@ def test_modes_of_a_tandem_bridge(machines):
     mass[1, 2] = mass[2, 1] = -carriage * parts[1][1]
     stiffness = np.diag([2 * k, 2 * k * (span / 2) ** 2 + table["skew_stiffness"], 13e6])
     np.testing.assert_allclose(modes(machine.physics, locked=locked(machine))[0], hertz(stiffness, mass), rtol=1e-5)
+    # by the bridge's own inertia as a rod of its length, with the damping ratio of guides
+    inertia = arm * 0.52**2 / 12
+    damping = 2 * 0.03 * math.sqrt(table["skew_stiffness"] * inertia)
+    skew = machine.physics.joint("skew").dofadr[0]
+    assert machine.physics.dof_damping[skew] == pytest.approx(damping, rel=1e-6)
 
 
 def test_motors_of_corexy_and_tandem_share_the_coordinates(machines):
