@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -74,8 +74,19 @@ def show_run(
             say(str(run / REPORT))
         return
     for name in names:
+        if name == "notes":
+            _show_chosen(summary["notes"])
         if not show_aspect(name, results, summary["sections"]) and aspects != ["all"]:
             say(f"{name}: none, {_MISSING[name]}", wrap=True)
+
+
+def _show_chosen(notes: Sequence[str]) -> None:
+    """Print what was chosen for a program given alone; the job file of its run gives it, and so has no such note."""
+    from gantrysim.job.loaded import CHOSEN
+
+    for note in notes:
+        if note.startswith(CHOSEN):
+            say(f"note: {note}", wrap=True)
 
 
 _MISSING = {

@@ -61,6 +61,20 @@ def test_an_aspect_is_shown_as_the_run_found_it(show, saved, monkeypatch, aspect
     assert all(line == line.rstrip() for line in printed.splitlines())
 
 
+def test_what_was_chosen_for_a_program_alone_is_told_whole_where_the_screen_points_to(gantrysim_command, tmp_path):
+    """The run's job file gives it, so that nothing is chosen for that any more."""
+    (tmp_path / "line.ngc").write_text("G21 G17 G90 G61\nG0 X0 Y0 Z5\nG1 Z0.5 F600\nG1 X20 F3000\nG0 Z5\nM2\n")
+    folder = tmp_path / "out"
+    quick = ("--no-video", "--no-report", "--no-causes", "--no-improve")
+    _, printed, _ = gantrysim_command("run", tmp_path / "line.ngc", "--out", folder, *quick)
+    assert "machine xyz" in printed.partition("chosen")[2]
+    assert f"gantrysimshow{folder}notes" in "".join(printed.split())
+    (chosen, *_) = json.loads((folder / "summary.json").read_text())["notes"]
+    for aspect in ("notes", "all"):
+        shown = " ".join(gantrysim_command("show", folder, aspect)[1].split())
+        assert shown.count(" ".join(f"note: {chosen}".split())) == 1
+
+
 def test_a_verdict_is_a_table_with_a_line_for_each_value(show, saved, monkeypatch):
     monkeypatch.setenv("COLUMNS", "300")
     verdict = json.loads((saved / "summary.json").read_text())["verdict"]
