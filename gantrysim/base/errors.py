@@ -224,5 +224,5 @@ def _at_most(name: str, number: float, most: float, unit: str) -> float:
 
 def _quantity(value: float, unit: str, bound: float = math.nan) -> str:
     """Return a value in words, with all digits where it would read as the bound that it misses."""
-    digits = f"{value:g}" if f"{value:g}" != f"{bound:g}" else f"{value:.17g}"
+    digits = f"{value:g}" if f"{value:g}" != f"{bound:g}" else repr(value).removesuffix(".0")
     return f"{digits} {unit}".rstrip()

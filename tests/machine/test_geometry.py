@@ -413,13 +413,13 @@ LIMITS = [
 
 @pytest.mark.parametrize(("name", "low", "high", "unit"), LIMITS)
 def test_a_value_is_taken_up_to_its_bounds_and_refused_beyond_them(name, low, high, unit):
-    for bound, beyond in ((low, low - 1.0), (high, high + 1.0)):
+    for bound, beyond in ((low, low - 0.01), (high, high + 1.0)):
         assert getattr(Geometry(**{name: bound}), name) == bound
         with pytest.raises(InputError) as error:
             Geometry(**{name: beyond})
         behind = f" {unit}" if unit else ""
         text = str(error.value).replace("\xa0", " ")
-        assert text == f"{name} = {beyond:g}{behind}: must be {low:g} to {high:g}{behind}"
+        assert text == f"{name} = {beyond:.12g}{behind}: must be {low:g} to {high:g}{behind}"
 
 
 @pytest.mark.parametrize("name", ["expansion", "scale_expansion"])
