@@ -766,4 +766,5 @@ def test_the_peak_of_s_is_that_of_dense_sampling(name):
         law = np.stack([laws[a].response(z) for a in axes], axis=1)
         inverse = np.linalg.inv(np.eye(len(axes)) + law[:, :, None] * loops.system.response(z))
         dense = np.abs(np.einsum("nii->ni", inverse)).max(axis=0)
-        assert found[axes] == pytest.approx(dense, rel=1e-5)
+        # of the delta's sharp modes the angles miss the top as well; of the others the grids alone miss more than this
+        assert found[axes] == pytest.approx(dense, rel=1e-5 if name == "delta" else 1e-6)
