@@ -12,6 +12,10 @@ ROOMS = {
     "commands": 5e-3,
     "environments": 1e-3,
     "plots": 5e-3,
+    "pages": 5e-3,
+    "pictures": 5e-3,
+    "designs": 1e-6,
+    "mechanics": 1e-6,
 }
 
 
