@@ -12,6 +12,7 @@ ROOMS = {
     "commands": 5e-3,
     "environments": 1e-3,
     "plots": 5e-3,
+    "comparisons": 5e-3,
 }
 
 
