@@ -415,7 +415,7 @@ def _time_words(alignment: Alignment) -> str:
 def _plus_minus(interval: float, unit: str, factor: float) -> str:
     if not math.isfinite(interval):
         return "with no bound by the data"
-    return f"± {max(factor * interval, _SMALLEST):.2g} {unit}"
+    return f"± {number_text(max(factor * interval, _SMALLEST), '.2g')} {unit}"
 
 
 def _words(name: str, estimate: Estimate, run: Run) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.quantity import UM
+from gantrysim.base.quantity import UM, with_minus
 from gantrysim.compare.alignment import alignment_words, estimate_rows
 from gantrysim.compare.compare_quantities import (
     DIFFERENCE,
@@ -267,7 +267,7 @@ def _named_links(comparison: Comparison) -> list[str]:
 
 def share_text(share: float) -> str:
     """Return an explained share in percent, rounded down: 100 % is said of no share below it."""
-    return f"{math.floor(1000 * share) / 10:z.1f} %"
+    return f"{with_minus(f'{math.floor(1000 * share) / 10:z.1f}')} %"
 
 
 def _not_compared(comparison: Comparison) -> list[str]:

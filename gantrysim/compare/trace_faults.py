@@ -14,7 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.compare.alignment import DOUBTFUL_RESIDUAL, Alignment, aligned_trace
 from gantrysim.compare.compare_quantities import DIFFERENCE
-from gantrysim.compare.equal_times import turned_points
+from gantrysim.compare.equal_times import AS_WELL, ROTATION, turned_points
 from gantrysim.compare.measured import Trace
 from gantrysim.record.run import Run
 
@@ -83,8 +83,7 @@ def _check_axes(trace: Trace, run: Run, what: tuple[str, ...], residual: float) 
     names = tuple("xy") if trace.links[0] == "nozzle" else run.axes[:2]
     if len(names) < 2 or (trace.links[0] != "nozzle" and len(set(run.units[:2])) > 1):
         return
-    best = math.inf
-    words = ""
+    found = []
     few = _thinned(trace)
     for swapped, signs in _hypotheses():
         try:
@@ -92,12 +91,13 @@ def _check_axes(trace: Trace, run: Run, what: tuple[str, ...], residual: float) 
         except InputError:  # it does not overlap the run this way either
             continue
         inside = (alignment.instants >= run.time[0]) & (alignment.instants <= run.time[-1])
-        fitted = alignment.residual
         # a few samples at rest fit any way
-        if np.mean(inside) >= _MOST_SAMPLES and fitted < best:
-            best = fitted
-            words = _words(names, swapped, signs)
+        if np.mean(inside) >= _MOST_SAMPLES:
+            found.append((alignment.residual, abs(alignment.rotation), _words(names, swapped, signs)))
+    best = min((fitted for fitted, _, _ in found), default=math.inf)
     if best < _MUCH_BETTER * min(residual, _spread(trace, run)):
+        # the nozzle's frame may be turned too, and x mirrored is y mirrored in a frame turned by half a turn
+        _, _, words = min((one for one in found if one[0] <= AS_WELL * best), key=lambda one: one[1])
         without = "cannot be aligned" if math.isinf(residual) else f"lies {DIFFERENCE.text(residual)} rms off"
         raise InputError(
             f"{trace.links[0]}: the trace {without}, but {DIFFERENCE.text(best)} with {words}: give --columns the "
@@ -147,10 +147,11 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
     With m the measured positions of the link that aligns and s the simulated ones at their instants t', the least
     squares of
 
-        m - s(t') - offset = k (s(t') - mean) + c s'(t') (t' - mean) + b s'(t') + a
+        m - s(t') - offset = k (s(t') - mean) + c s'(t') (t' - mean) + b s'(t') + a + d z x s(t')
 
-    give the scale 1 + k of each axis, and a clock that runs fast by -c. They are named where they take away half of the
-    residual or more; nothing is corrected. At equal places the clock is judged by these, see
+    give the scale 1 + k of each axis, and a clock that runs fast by -c; d stands where the alignment sought a turn,
+    which takes up a part of a scale. They are named where they take away half of the residual or more; nothing is
+    corrected. At equal places the clock is judged by these, see
     `gantrysim.compare.alignment`, and only what lies across the path counts here.
 
     Raises:
@@ -175,6 +176,8 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
     if alignment.criterion == "time":
         slopes += [rate * since, rate]
     slopes += [np.broadcast_to(unit, s.shape) for unit in units]
+    if ROTATION in alignment.estimates:
+        slopes.append(turned_points(spline(time[inside]), np.radians(alignment.rotation + 90.0))[:, columns])
     if alignment.criterion == "path":
         tangent = rate / np.maximum(np.linalg.norm(rate, axis=1), 1e-12)[:, None]
         residual, *slopes = (part - tangent * np.sum(tangent * part, axis=1)[:, None] for part in (residual, *slopes))

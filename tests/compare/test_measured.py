@@ -284,10 +284,10 @@ def test_a_share_may_be_negative_and_is_none_without_an_error(noisy):
     other = run.commanded + 0.5 * (run.commanded - run.encoder)
     opposite = Comparison.of(Trace(run.time, {"encoder": other}, None), run, MACHINE, ())
     assert opposite.explained.share == pytest.approx(1 - (1.5 / 0.5) ** 2, rel=0.01)
-    assert "the simulation explains none (-80" in headline(opposite)
+    assert "the simulation explains none (−80" in headline(opposite)
 
 
-@pytest.mark.parametrize(("share", "text"), [(1.0, "100.0 %"), (0.99996, "99.9 %"), (0.0, "0.0 %"), (-0.5, "-50.0 %")])
+@pytest.mark.parametrize(("share", "text"), [(1.0, "100.0 %"), (0.99996, "99.9 %"), (0.0, "0.0 %"), (-0.5, "−50.0 %")])
 def test_only_all_is_a_hundred_percent(share, text):
     assert share_text(share) == text
 

@@ -23,7 +23,7 @@ LINKS = "servo + structure (encoder to nozzle)"
     [
         ((0.04, 0.03, 0.01, 0.9375), f"Of {LINKS}, 40.0 µm rms measured, the simulation explains 93.7 % in mean "
          "square; 10.0 µm rms is left."),
-        ((0.04, 0.03, 0.05, -0.5625), f"Of {LINKS}, 40.0 µm rms measured, the simulation explains none (-56.3 %): "
+        ((0.04, 0.03, 0.05, -0.5625), f"Of {LINKS}, 40.0 µm rms measured, the simulation explains none (−56.3 %): "
          "their difference is 50.0 µm rms."),
         ((0.0, 0.03, 0.03, None), f"Of {LINKS} there is no measured error; the simulated one is 30.0 µm rms."),
         ((0.0, 0.0, 0.0, None), f"Of {LINKS} there is no error across the path, neither measured nor simulated: it "

@@ -87,6 +87,7 @@ def test_the_time_of_a_trace_is_told(timing, words):
 
 def test_an_interval_has_its_unit_and_two_digits():
     assert _plus_minus(1.234e-3, "µm", 1e3) == "± 1.2 µm"
+    assert _plus_minus(0.1234, "µm", 1e3) == "± 120 µm"
     assert _plus_minus(math.inf, "µm", 1e3) == "with no bound by the data"
 
 

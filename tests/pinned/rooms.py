@@ -16,6 +16,7 @@ ROOMS = {
     "pictures": 5e-3,
     "designs": 1e-6,
     "mechanics": 1e-6,
+    "comparisons": 5e-3,
 }
 
 
