@@ -53,6 +53,7 @@ def test_it_equals_the_librarys_own_environments_with_their_monitor(name, adapte
                 assert info["episode_contour_rms"] == wanted["episode_contour_rms"]
     assert ended > 3
     assert own.reset_infos == other.reset_infos
+    assert own.metadata == own.envs.metadata
     own.close()
 
 
