@@ -13,6 +13,7 @@ from gantrysim import Servo, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc import Basic, Group, Program
+from gantrysim.controllers.softmc.basic.recording import rows_of
 from gantrysim.controllers.softmc.stream import Leg, Rest
 
 from support.runs import PERIOD
@@ -449,3 +450,19 @@ def test_a_joint_beyond_those_of_the_group_is_none(axes, beyond):
     text = f"common shared bench as group {axes}\nmove {{1, 2}}\n{beyond}.vmax = 4\n"
     with pytest.raises(InputError, match=f"{beyond}: must be an axis or a group; the group is bench"):
         _ = Basic(text, coordinates=("x", "y", "z")).printed
+
+
+@pytest.mark.parametrize(
+    ("run", "rows"),
+    [
+        ([0, 1, 2, 2, 3, 4], [0, 1, 2, 3, 4, 5]),
+        # two more rows at the gate, where the command rests
+        ([0, 1, 2, 2, 2, 2, 3, 4], [0, 1, 2, 3, 6, 7]),
+        # a fault ends the run at the gate, which nothing is known to follow
+        ([0, 1, 2, 2, 2], [0, 1, 2, 3, 4, 5]),
+    ],
+)
+def test_a_setpoint_behind_a_gate_has_the_row_at_which_the_command_goes_on(run, rows):
+    setpoints = SimpleNamespace(position=np.array([[0.0], [1], [2], [2], [3], [4]]), gates=np.array([3]))
+    record = SimpleNamespace(commanded=np.array(run, float)[:, None], time=np.arange(len(run)))
+    assert rows_of(record, setpoints).tolist() == rows

@@ -316,6 +316,17 @@ def test_what_remains_of_a_move_and_where_it_ends():
     assert endless[2] == endless[1] > 13
 
 
+@pytest.mark.parametrize("move", ["SPEED=100: MOVE(60,80)", "SPEED=300: FORCE_SPEED=100: MOVESP(60,80)"])
+def test_cancel_of_a_move_slows_down_along_its_line(move):
+    position = moved(f"BASE(0,1): ACCEL=1000: DECEL=500: {move}: WA(500): CANCEL: WAIT IDLE")
+    t = np.arange(len(position)) * DT
+    braked = np.clip(t - 0.5, 0, 0.2)
+    way = np.where(t < 0.1, 500 * t**2, 5 + 100 * (np.minimum(t, 0.5) - 0.1)) + 100 * braked - 250 * braked**2
+    assert way[-1] == pytest.approx(55)
+    assert np.hypot(*position.T) == pytest.approx(way, abs=0.11)  # a tick, at which CANCEL is met
+    assert position[-1] == pytest.approx([0.6 * 55, 0.8 * 55], abs=0.11)
+
+
 def test_cancel_of_the_buffer_leaves_the_executing_move():
     assert moved("SPEED=100: MOVE(10): MOVE(10): CANCEL(1): WAIT IDLE")[-1, 0] == pytest.approx(10, abs=POSITION)
     assert moved("SPEED=100: MOVE(10): MOVE(7): WA(50): CANCEL: WAIT IDLE")[-1, 0] == pytest.approx(12, abs=POSITION)
