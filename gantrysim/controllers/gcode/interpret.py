@@ -109,7 +109,6 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         halt_lines=frozenset(state.halt_lines),
         power_stops=state.power_stops,
         unused_set_points=state.unused_set_points,
-        unclosed=tuple(flow.unclosed),
     )
 
 
@@ -136,7 +135,6 @@ class Interpreted:
         halt_lines: lines at which the motion stops for a code that is no dwell.
         power_stops: moves before which it stops for their S.
         unused_set_points: values of the words that might set the flow, but do not.
-        unclosed: notes on the branches and loops that ran without an end.
     """
 
     start: tuple[float, float, float]
@@ -157,7 +155,6 @@ class Interpreted:
     halt_lines: frozenset[int] = frozenset()
     power_stops: int = 0
     unused_set_points: Mapping[str, Set[float]] = field(default_factory=dict)
-    unclosed: tuple[str, ...] = ()
 
     @property
     def feeds_material(self) -> bool:
