@@ -83,7 +83,7 @@ def _check_axes(trace: Trace, run: Run, what: tuple[str, ...], residual: float) 
     names = tuple("xy") if trace.links[0] == "nozzle" else run.axes[:2]
     if len(names) < 2 or (trace.links[0] != "nozzle" and len(set(run.units[:2])) > 1):
         return
-    found = []
+    fits = []
     few = _thinned(trace)
     for swapped, signs in _hypotheses():
         try:
@@ -93,11 +93,11 @@ def _check_axes(trace: Trace, run: Run, what: tuple[str, ...], residual: float) 
         inside = (alignment.instants >= run.time[0]) & (alignment.instants <= run.time[-1])
         # a few samples at rest fit any way
         if np.mean(inside) >= _MOST_SAMPLES:
-            found.append((alignment.residual, abs(alignment.rotation), _words(names, swapped, signs)))
-    best = min((fitted for fitted, _, _ in found), default=math.inf)
+            fits.append((alignment.residual, abs(alignment.rotation), _words(names, swapped, signs)))
+    best = min((fitted for fitted, _, _ in fits), default=math.inf)
     if best < _MUCH_BETTER * min(residual, _spread(trace, run)):
         # the nozzle's frame may be turned too, and x mirrored is y mirrored in a frame turned by half a turn
-        _, _, words = min((one for one in found if one[0] <= AS_WELL * best), key=lambda one: one[1])
+        _, _, words = min((fit for fit in fits if fit[0] <= AS_WELL * best), key=lambda fit: fit[1])
         without = "cannot be aligned" if math.isinf(residual) else f"lies {DIFFERENCE.text(residual)} rms off"
         raise InputError(
             f"{trace.links[0]}: the trace {without}, but {DIFFERENCE.text(best)} with {words}: give --columns the "

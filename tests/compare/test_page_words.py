@@ -79,4 +79,9 @@ def test_a_size_of_a_nanometre_is_written_as_none():
 
 
 def test_a_share_is_rounded_down():
-    assert [share_text(share) for share in (0.9999, 1.0, 0.5006, -0.00001)] == ["99.9 %", "100.0 %", "50.0 %", "-0.1 %"]
+    assert [share_text(share) for share in (0.9999, 1.0, 0.5006, -0.00001)] == [
+        "99.9 %",
+        "100.0 %",
+        "50.0 %",
+        "\u22120.1 %",
+    ]
