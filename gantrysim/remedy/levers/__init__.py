@@ -3,16 +3,9 @@
 from __future__ import annotations
 
 from gantrysim.remedy.lever import Lever
-from gantrysim.remedy.levers.dispenser import (
-    FASTER_VALVE,
-    LAG_COMPENSATION,
-    LEADS,
-    LIFT,
-    NEEDLE_HEIGHT,
-    PRESSURE_ADVANCE,
-    PROPORTIONAL_FLOW,
-)
+from gantrysim.remedy.levers.dispenser import FASTER_VALVE, LAG_COMPENSATION, LEADS, PRESSURE_ADVANCE, PROPORTIONAL_FLOW
 from gantrysim.remedy.levers.hardware import ACCURACY_CLASS, ENCODER, SERVO_PERIOD
+from gantrysim.remedy.levers.needle import LIFT, NEEDLE_HEIGHT
 from gantrysim.remedy.levers.program import ACCELERATION, CORNERS, EXACT_WAITS, FASTER, LOOP_PERIOD, SLOWER
 from gantrysim.remedy.levers.servo import (
     DISTURBANCE_OBSERVER,

@@ -1,10 +1,9 @@
-"""The dispenser: compensation of its lag, leads of its valve, a faster valve; flow by speed, pressure advance; needle.
+"""The dispenser: compensation of its lag, leads of its valve, a faster valve; flow by speed, and pressure advance.
 
 With a flow proportional to the path speed, it falls where the program slows down, so that the section stays. A
 dispenser that lags is late with every change of the speed, where a fixed flow has nothing to be late with. Both alone
 may therefore be worse than the job as it is, so that they are also tried together. Pressure advance is for a driven
-dispenser: its motor runs ahead by what the glue under pressure stores. The needle has another height above the work,
-or is lifted in dry moves, so that it does not plough the bead.
+dispenser: its motor runs ahead by what the glue under pressure stores.
 """
 
 from __future__ import annotations
@@ -18,9 +17,6 @@ _TICK = 1e-4  # times are set to a tenth of a millisecond [s]
 _FASTER = (0.5, 0.25)
 _TIMES = ("dead_time", "closing_dead_time", "opening", "closing")
 _FITTED = ("start_lead", "stop_lead", "advance")  # fitted to those times
-_GAPS = (0.8, 1.25, 1.5)  # heights of the needle, as shares of the present one
-_LIFT = 3.0  # [mm], above every bead of the built-in needles
-_PLOUGHING = "bead_ploughed"
 
 
 def _ticks(seconds: float) -> float:
@@ -181,45 +177,4 @@ PRESSURE_ADVANCE = Lever(
     cost="peaks of the motor's speed",
     rows=(GLUE,),
     settings=_pressure_advances,
-)
-
-
-def _needle_heights(state: State) -> list[Setting] | str:
-    if not state.outcome.nominal:
-        return "the job lays no bead"
-    gap = state.job.bead.gap
-    present = state.job.built_machine.gap if gap is None else gap
-    return [Setting(factor_text(factor), {"bead.gap": rounded_number(factor * present)}) for factor in _GAPS]
-
-
-NEEDLE_HEIGHT = Lever(
-    name="needle height",
-    meaning="height of the needle above the work: the bead is narrower and higher under a higher one",
-    cost="shape of the bead",
-    rows=(GLUE,),
-    settings=_needle_heights,
-    effort=Effort.PROCESS,
-)
-
-
-def _lift_height(state: State) -> list[Setting] | str:
-    verdict = state.outcome.verdict
-    checks = () if verdict is None else verdict[GLUE].checks
-    if not any(check.name == _PLOUGHING and check.value > 0 for check in checks):
-        return "the needle does not touch its bead"
-    if "z" not in state.job.built_machine.axis_names:
-        return "the machine has no axis z"
-    arguments = state.job.controller.with_lift(_LIFT)
-    if arguments is None:
-        return "the program itself sets the height of the needle"
-    return [Setting(f"{_LIFT:g} mm", {f"program.{key}": value for key, value in arguments.items()})]
-
-
-LIFT = Lever(
-    name="lift",
-    meaning="height by which the needle is lifted in dry moves",
-    cost="time to lift and lower",
-    rows=(GLUE,),
-    settings=_lift_height,
-    effort=Effort.PROCESS,
 )
