@@ -257,7 +257,8 @@ def perturbed_answer(name):
         except InputError as error:
             answer[case] = str(error)
             continue
-        before, after = machine.physics, perturbed.physics
+        before = machine.physics
+        after = perturbed.physics
         changes = {array: np.ravel(getattr(after, array)) - np.ravel(getattr(before, array)) for array in CHANGED}
         arrays = {array: np.ravel(getattr(perturbed.arrays, array)) for array in CHANGED[:6]}
         answer[case] = {

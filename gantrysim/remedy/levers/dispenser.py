@@ -140,9 +140,6 @@ PROPORTIONAL_FLOW = Lever(
 )
 
 
-_ADVANCE_STEP = 1e-4  # times are set to a tenth of a millisecond [s]
-
-
 def _pressure_advances(state: State) -> list[Setting] | str:
     job = state.job
     drive = job.dispenser.drive
@@ -156,9 +153,7 @@ def _pressure_advances(state: State) -> list[Setting] | str:
         return "the program states no path speed, from which the flow would follow"
     # between small changes and the rise from rest a glue that is not Newtonian has other lags
     small, whole = drive.lags(flow)
-    times = {
-        rounded_number(round(lag / _ADVANCE_STEP) * _ADVANCE_STEP) for lag in (small, 0.5 * (small + whole), whole)
-    }
+    times = {_ticks(lag) for lag in (small, 0.5 * (small + whole), whole)}
     settings = []
     for time in sorted(times - {0.0}):
         changes = {"dispenser.advance": time}
