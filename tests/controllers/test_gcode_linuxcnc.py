@@ -91,8 +91,10 @@ def test_every_code_of_a_coordinate_system_means_its_number(number, code):
         ("#1=0\no1 do\n#1=[#1+1]\nG0 X#1\no1 while [#1 lt 2]", [(1, 0, 0), (2, 0, 0)]),
         ("#1=5\no1 if [#1 eq 4]\nG0 X1\no1 elseif [#1 eq 5]\nG0 X2\no1 else\nG0 X3\no1 endif", [(2, 0, 0)]),
         ("o1 if [0]\nG0 X1\no1 else\nG0 X3\no1 endif", [(3, 0, 0)]),
-        ("o1 repeat [9]\nG91 G0 X1\no2 if [#5420 ge 2]\no1 break\no2 endif\no1 endrepeat", [(1, 0, 0), (2, 0, 0)]),
-        ("o1 repeat [2]\no1 continue\nG0 X1\no1 endrepeat\nG0 X2", [(2, 0, 0)]),
+        ("o1 while [1]\nG91 G0 X1\no2 if [#5420 ge 2]\no1 break\no2 endif\no1 endwhile", [(1, 0, 0), (2, 0, 0)]),
+        ("o1 do\nG91 G0 X1\no2 if [#5420 ge 2]\no1 break\no2 endif\no1 while [1]", [(1, 0, 0), (2, 0, 0)]),
+        ("#1=0\no1 while [#1 lt 2]\n#1=[#1+1]\no1 continue\nG0 X1\no1 endwhile\nG0 X2", [(2, 0, 0)]),
+        ("#1=0\no1 do\n#1=[#1+1]\no1 continue\nG0 X1\no1 while [#1 lt 2]\nG0 X2", [(2, 0, 0)]),
         ("o<s> sub\nG0 X#1 Y#2\no<s> endsub [#1*2]\no<s> call [3] [4]\nX#<_value>", [(3, 4, 0), (6, 4, 0)]),
         ("#1=7\no1 sub\n#1=9\no1 endsub\no1 call\nG0 X#1", [(7, 0, 0)]),  # the first thirty are local
         ("o1 sub\no2 if [#1 gt 2]\no1 return [5]\no2 endif\no1 endsub\no1 call [3]\nG0 X#<_value>", [(5, 0, 0)]),

@@ -438,7 +438,7 @@ def test_what_binds_a_driven_dispenser_is_the_pressure_of_its_glue():
 
 
 def test_corners_rounded_as_far_as_lines_reach_get_a_tolerance():
-    job = lines_job("M62\nG1 F1200 X30\nG1 X30 Y20\nM63\nG0 X0 Y0", tolerance={"path_max": 0.1})
+    job = lines_job("M62 P0\nG1 F1200 X30\nG1 X30 Y20\nM63 P0\nG0 X0 Y0", tolerance={"path_max": 0.1})
     state = State(job, outcome)
     (path,) = (row for row in state.outcome.verdict.rows if row.name == "path")
     assert path.checks[0].usage > 1

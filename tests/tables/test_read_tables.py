@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError
 from gantrysim.compare.measured import Assignment, Trace
-from gantrysim.controllers.softmc.record import Record
+from gantrysim.controllers.softmc.basic.recording import Record
 from gantrysim.tables.column_table import Source
 from gantrysim.tables.reading import read_table
 from gantrysim.tables.units import is_unit

@@ -112,6 +112,8 @@ def _arc(state: ProgramState, block: WordBlock, ends: tuple[complex, complex], c
     elif i is None and j is None:
         raise InputError(f"arc without {first}, {second} and R: must have a centre or a radius")
     else:
+        if state.modes.centres and (i is None or j is None) and not state.dialect.lenient:
+            raise InputError(f"arc in G90.1: must have both {first} and {second}, the place of its centre")
         centre = complex(i or 0.0, j or 0.0) + (0.0 if state.modes.centres else start)
     _check_radii(state, abs(start - centre), abs(end - centre), (first, second))
     return _Arc(start, end, centre, swept_angle(start - centre, end - centre, clockwise, turns))

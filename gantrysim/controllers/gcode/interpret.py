@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import AxisError, InputError
+from gantrysim.base.errors import AxisError, InputError, at_least
+from gantrysim.controllers.gcode.block_rules import SHIFTS, check_block, check_compensation, check_inverse_time
 from gantrysim.controllers.gcode.codes import CODES, Code, Kind
 from gantrysim.controllers.gcode.extruder import PressureAdvance
 from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
@@ -25,12 +26,6 @@ from gantrysim.controllers.gcode.move_table import FLOW, MoveTable, valve_of
 from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup, ProgramState, WordBlock, tool_number
 from gantrysim.controllers.valve import SPEED_CODES, Valve
-
-# Codes that cutter compensation allows: all else would change what the offset path refers to.
-
-_COMPENSATED_MOTIONS = {"G0", "G1", "G2", "G3", "G80"}
-_COMPENSATED_ACTIONS = {"G4", "G10", "G28.1", "G30.1"}
-_ORIGIN_GROUPS = {"tool length", "coordinate system", "shift", "machine coordinates"}
 
 # Codes that change an origin, for which LinuxCNC and grbl wait for the moves before them; G10 is another one, for the
 # system in force.
@@ -109,6 +104,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         halt_lines=frozenset(state.halt_lines),
         power_stops=state.power_stops,
         unused_set_points=state.unused_set_points,
+        unclosed=tuple(flow.unclosed),
     )
 
 
@@ -135,6 +131,7 @@ class Interpreted:
         halt_lines: lines at which the motion stops for a code that is no dwell.
         power_stops: moves before which it stops for their S.
         unused_set_points: values of the words that might set the flow, but do not.
+        unclosed: notes on the branches and loops that ran without an end.
     """
 
     start: tuple[float, float, float]
@@ -155,6 +152,7 @@ class Interpreted:
     halt_lines: frozenset[int] = frozenset()
     power_stops: int = 0
     unused_set_points: Mapping[str, Set[float]] = field(default_factory=dict)
+    unclosed: tuple[str, ...] = ()
 
     @property
     def feeds_material(self) -> bool:
@@ -192,6 +190,8 @@ class Interpreter:
         codes: list[str] = []
         auxiliary: list[int] = []
         block = self._sort_words(line, codes, auxiliary)
+        if (len(codes) + len(auxiliary) > 1 or not SHIFTS.isdisjoint(codes)) and not self._dialect.lenient:
+            check_block([*codes, *(f"M{number}" for number in auxiliary)], block, self._codes)
         if "T" in block.values and not self._dialect.extrudes:
             self._state.tools.selected = tool_number("T", block.values["T"])
         if self._halts(auxiliary, codes, block):
@@ -295,7 +295,7 @@ class Interpreter:
             if code is None or code.handler is None:
                 self._ignore(name, code, block)
                 continue
-            self._check_compensation(code)
+            check_compensation(state, code)
             if self._moves_origin(code, block):
                 state.halt()
             if code.kind is Kind.MOTION:
@@ -315,8 +315,9 @@ class Interpreter:
                 code.handler(state, block)
         if "S" in block.values and not self._dialect.extrudes:
             # before the motion of its block, whose feed per revolution it may be
-            state.modes.spindle = block.values["S"]
-        if "F" in block.values:
+            state.modes.spindle = at_least("S", block.values["S"], 0)
+        has_feed = "F" in block.values
+        if has_feed:
             self._take_feed(block)
         for letter in state.setup.skip_axes:
             if letter in block.values:
@@ -326,7 +327,7 @@ class Interpreter:
             action.handler(state, block)
         # the words of a block are those of its action, if it has one
         if block.values and (action is None or (action.shares_words and moves)):
-            self._move(block)
+            self._move(block, has_feed)
         if block.values:
             self._ignore_words(block)
 
@@ -350,11 +351,6 @@ class Interpreter:
             case group, name:
                 return group in _RESTING_GROUPS or name in _RESTING_CODES
 
-    def _check_compensation(self, code: Code) -> None:
-        """Check that a code does not change what the path of cutter compensation refers to."""
-        if self._state.compensation.is_on and _needs_plain_path(code):
-            raise InputError(f"{code.name} under cutter compensation: must follow G40")
-
     def _check_curve(self, motion: str) -> None:
         """Check that no other motion begins between the control points of a NURBS."""
         curve = self._state.curve
@@ -370,8 +366,8 @@ class Interpreter:
         if self._dialect.lenient:
             block.values.clear()
 
-    def _move(self, block: WordBlock) -> None:
-        """Run the motion in force with the words of a block."""
+    def _move(self, block: WordBlock, has_feed: bool) -> None:
+        """Run the motion in force with the words of a block, which has an F or not."""
         state = self._state
         code = self._codes[state.motion]
         moves = not block.values.keys().isdisjoint(code.moved_by)
@@ -383,7 +379,9 @@ class Interpreter:
             if code.straight:
                 state.feed_material(block.fed)
             return
-        self._check_compensation(code)
+        if state.modes.feed_mode == "G93" and not has_feed and not self._dialect.lenient:
+            check_inverse_time(code)
+        check_compensation(state, code)
         if block.in_machine and not code.straight:
             raise InputError("G53: must be with G0 or G1")
         assert code.handler is not None
@@ -414,17 +412,6 @@ class Interpreter:
         if not self._dialect.lenient:
             raise InputError(f"{letter}{value:g}: is not used in this block")
         state.ignored[letter] += 1
-
-
-def _needs_plain_path(code: Code) -> bool:
-    """Return whether a code is refused under cutter compensation."""
-    match code.kind:
-        case Kind.MOTION:
-            return code.name not in _COMPENSATED_MOTIONS
-        case Kind.ACTION:
-            return code.name not in _COMPENSATED_ACTIONS
-        case _:
-            return code.group in _ORIGIN_GROUPS
 
 
 @lru_cache(_KEPT_NAMES)

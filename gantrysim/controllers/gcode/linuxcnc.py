@@ -178,7 +178,7 @@ class Program(GCode):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        notes = (*super().notes, *halts_at_work(self.program))
+        notes = (*super().notes, *self.program.unclosed, *halts_at_work(self.program))
         if _LINUXCNC_ALONE.search(self.text):
             return notes
         return (*notes, *refused_by_grbl(self.program))

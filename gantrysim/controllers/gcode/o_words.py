@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Hashable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from gantrysim.base.errors import InputError, unknown, whole_number
 from gantrysim.controllers.gcode.lines import (
@@ -109,13 +110,17 @@ class ProgramLines(Flow[Words | FirmwareCommand]):
         started = self._file_at(self.place)
         if started is None:
             return f"line {self.place + 1}"
-        first, name = started
-        return f"line {self.place - first + 1} of {name}"
+        return f"line {self._line_of(self.place)} of {started[1]}"
 
     @property
     def called_files(self) -> frozenset[str]:
         """Names of the files whose subprograms were called."""
         return frozenset(file[1] for file in map(self._file_at, self.entered) if file is not None)
+
+    def _line_of(self, place: int) -> int:
+        """Return the number of a line in its file, from 1."""
+        started = self._file_at(place)
+        return place + 1 - (started[0] if started else 0)
 
     def _file_at(self, place: int) -> tuple[int, str] | None:
         """Return the first place and the name of the file of a line, None for the main program."""
@@ -149,14 +154,24 @@ class ProgramLines(Flow[Words | FirmwareCommand]):
         """Return the first place of a subprogram that begins with a keyword."""
         self.check_depth()
         head = self.places.first(name, keyword)
-        if head is None and not keyword:
-            head = self.places.first(name, "SUB")
         if head is None:
             raise unknown("subprogram", name, [str(label) for label in self.places.labels(keyword)])
         return head + 1
 
 
 _ARGUMENTS = NUMBERING.local  # a call sets all local parameters
+
+# what ends a branch or loop
+
+_ENDS = {"IF": "ENDIF", "WHILE": "ENDWHILE", "DO": "WHILE", "REPEAT": "ENDREPEAT"}
+
+
+class _Begun(NamedTuple):
+    """A branch or loop that has begun: its first word, and where that stands."""
+
+    keyword: str
+    place: int
+
 
 Handler = Callable[["ProgramFlow", ParsedLine, str], int]
 _HANDLERS: dict[str, Handler] = {}  # by the keyword
@@ -186,11 +201,19 @@ class ProgramFlow(ProgramLines):
         program: its text.
         system: parameters that the controller provides.
         subprogram_ends: called with the depth of a subroutine that ends.
+
+    Attributes:
+        unclosed: notes on the branches and loops that ran without an end.
     """
 
     def __init__(self, program: ProgramText, system: System, subprogram_ends: Callable[[int], None]) -> None:
         super().__init__(program, system, subprogram_ends, KEYWORDS)
+        self.unclosed: list[str] = []
         self._statements: dict[int, ParsedLine] = {}  # by their places
+        # the branches and loops that have begun, by the subroutine's start and the label
+        self._begun: dict[tuple[int, str], _Begun] = {}
+        # places at which subroutines were met or called, by their labels
+        self._subroutines: dict[str, int] = {}
         # whether a line of % has run
         self._delimited = False
 
@@ -263,9 +286,43 @@ class ProgramFlow(ProgramLines):
     def _first_argument(self, read: ParsedLine) -> float:
         return read.arguments[0](self.parameters)
 
+    def _begin(self, label: str, keyword: str) -> None:
+        """Note that a branch or loop begins, whose label no other one of its subroutine may have."""
+        key = (self.calls[-1].start, label)
+        begun = self._begun.get(key)
+        if begun is None:
+            self._begun[key] = _Begun(keyword, self.place)
+            self._note_unclosed(label, keyword)
+        elif begun.place != self.place:
+            raise InputError(
+                f"{keyword.lower()} of {label}: must have a label of its own, as LinuxCNC finds the end by it; "
+                f"{begun.keyword.lower()} in line {self._line_of(begun.place)} has this one"
+            )
+
+    def _note_unclosed(self, label: str, keyword: str) -> None:
+        end = _ENDS[keyword]
+        if self.places.next(label, (end,), self.place) is None:
+            runs = "as its branch" if keyword == "IF" else "once"
+            self.unclosed.append(
+                f"{keyword.lower()} of {label} in {self.where} has no {end.lower()}: as in LinuxCNC, all that follows "
+                f"runs {runs}."
+            )
+
+    def _inside(self, label: str, keyword: str, owners: tuple[str, ...]) -> None:
+        """Raise InputError unless one of the owners, with this label, has begun."""
+        begun = self._begun.get((self.calls[-1].start, label))
+        if begun is None or begun.keyword not in owners:
+            raise InputError(f"{keyword} of {label}: must follow {' or '.join(owners).lower()} with the same label")
+
     @o_word
     def o_sub(self, read: ParsedLine, label: str) -> int:
         """A subroutine that is met on the way, not called, is passed over."""
+        met = self._subroutines.setdefault(label, self.place)
+        if met != self.place:
+            raise InputError(
+                f"sub of {label}: must be the only one of its name, and stand before its first call or behind the end "
+                f"of the program; line {self._line_of(met)} comes first"
+            )
         return self.ahead(label, ("ENDSUB",)) + 1
 
     @o_word
@@ -276,7 +333,9 @@ class ProgramFlow(ProgramLines):
 
     @o_word
     def o_return(self, read: ParsedLine, label: str) -> int:
-        return self._returned(read) if self.depth else END
+        if not self.depth:
+            raise InputError(f"return of {label}: must be in a subroutine that was called")
+        return self._returned(read)
 
     def _returned(self, read: ParsedLine) -> int:
         """Return from a subroutine with its value, which the caller reads as #<_value>."""
@@ -291,6 +350,7 @@ class ProgramFlow(ProgramLines):
         values = [value(self.parameters) for value in read.arguments]
         if len(values) > _ARGUMENTS:
             raise InputError(f"call with {len(values)} arguments: must be at most {_ARGUMENTS}")
+        self._subroutines.setdefault(label, self.place)
         start = self.enter(self.start_of(label, "SUB"))
         values += [0.0] * (_ARGUMENTS - len(values))
         self.parameters.scope = LocalParameters(dict(enumerate(values, 1)))
@@ -299,6 +359,7 @@ class ProgramFlow(ProgramLines):
     @o_condition
     def o_if(self, read: ParsedLine, label: str) -> int:
         """Go to the first branch whose condition holds."""
+        self._begin(label, "IF")
         place = self.place
         holds = bool(self._first_argument(read))
         while not holds:
@@ -311,30 +372,29 @@ class ProgramFlow(ProgramLines):
     @o_condition
     def o_elseif(self, read: ParsedLine, label: str) -> int:
         """Met at the end of a branch that was taken."""
+        self._inside(label, "elseif", ("IF",))
         return self.ahead(label, ("ENDIF",)) + 1
 
     @o_word
     def o_else(self, read: ParsedLine, label: str) -> int:
         """Met at the end of a branch that was taken."""
+        self._inside(label, "else", ("IF",))
         return self.ahead(label, ("ENDIF",)) + 1
 
     @o_word
     def o_endif(self, read: ParsedLine, label: str) -> int:
+        self._inside(label, "endif", ("IF",))
         return self.following
 
     @o_condition
     def o_while(self, read: ParsedLine, label: str) -> int:
         """The head of a loop, or after a DO its end."""
-        closes_do = self._closes_do(label)
+        begun = self._begun.get((self.calls[-1].start, label))
         holds = bool(self._first_argument(read))
-        if closes_do:
-            return self.behind(label, ("DO",)) + 1 if holds else self.following
+        if begun is not None and begun.keyword == "DO":
+            return begun.place + 1 if holds else self.following
+        self._begin(label, "WHILE")
         return self.enter_loop(holds, label, "ENDWHILE")
-
-    def _closes_do(self, label: str) -> bool:
-        do = self.places.last(label, ("DO",), self.place)
-        other = self.places.last(label, ("WHILE", "ENDWHILE"), self.place)
-        return do is not None and (other is None or do > other)
 
     @o_word
     def o_endwhile(self, read: ParsedLine, label: str) -> int:
@@ -342,10 +402,12 @@ class ProgramFlow(ProgramLines):
 
     @o_word
     def o_do(self, read: ParsedLine, label: str) -> int:
+        self._begin(label, "DO")
         return self.following
 
     @o_condition
     def o_repeat(self, read: ParsedLine, label: str) -> int:
+        self._begin(label, "REPEAT")
         times = _whole("repeat", self._first_argument(read))
         self.calls[-1].repeats[self.place] = times
         return self.enter_loop(times > 0, label, "ENDREPEAT")
@@ -359,14 +421,16 @@ class ProgramFlow(ProgramLines):
 
     @o_word
     def o_break(self, read: ParsedLine, label: str) -> int:
-        return self._end_of_loop(label) + 1
+        return self._end_of_loop(label, "break") + 1
 
     @o_word
     def o_continue(self, read: ParsedLine, label: str) -> int:
-        return self._end_of_loop(label)
+        return self._end_of_loop(label, "continue")
 
-    def _end_of_loop(self, label: str) -> int:
-        return self.ahead(label, ("ENDWHILE", "ENDREPEAT", "WHILE"))
+    def _end_of_loop(self, label: str, keyword: str) -> int:
+        # LinuxCNC leaves no repeat early
+        self._inside(label, keyword, ("WHILE", "DO"))
+        return self.ahead(label, ("ENDWHILE", "WHILE"))
 
 
 KEYWORDS = Keywords(tuple(_HANDLERS), frozenset(_CONDITIONS))

@@ -13,9 +13,9 @@ import numpy as np
 
 from gantrysim.base.errors import InputError, finite, unknown
 from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.softmc.basic.recording import Record
 from gantrysim.controllers.softmc.commands import Circle, Command, Move, SoftMCError
 from gantrysim.controllers.softmc.group import PROFILE_TYPES, Group
-from gantrysim.controllers.softmc.record import Record
 from gantrysim.controllers.softmc.stream import AXES, Leg, leg_of, segment, stream
 from gantrysim.controllers.speeds import SpeedWords, Stretches
 from gantrysim.paths.chain import Chain

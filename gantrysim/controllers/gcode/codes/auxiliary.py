@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, between
 from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, auxiliary, without_effect
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock, tool_number
 
@@ -93,9 +93,14 @@ def m9(state: ProgramState, block: WordBlock) -> None:
     """Mist and coolant off."""
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, halts=True)
+@auxiliary(_LINUXCNC, halts=True)
 def m19(state: ProgramState, block: WordBlock) -> None:
-    """Spindle to an angle."""
+    """Spindle to the angle R, in the direction P."""
+    between("M19: R", block.values.get("R", 0.0), 0, 360, "deg")
+    if block.values.get("P", 0) not in (0, 1, 2):
+        raise InputError(f"M19: P = {block.values['P']:g}: must be 0, 1 or 2")
+    state.ignored["M19"] += 1
+    block.drop(_OUTPUT_WORDS)
 
 
 @without_effect(_LINUXCNC)
@@ -136,7 +141,9 @@ def m60(state: ProgramState, block: WordBlock) -> None:
 @auxiliary(_LINUXCNC)
 def m61(state: ProgramState, block: WordBlock) -> None:
     """Number Q of the tool in the spindle."""
-    _put_in_spindle(state, tool_number("M61 Q", block.values.get("Q", 0)), "M61")
+    if "Q" not in block.values:
+        raise InputError("M61: must have Q, the number of the tool in the spindle")
+    _put_in_spindle(state, tool_number("M61 Q", block.values["Q"]), "M61")
     block.drop(_OUTPUT_WORDS)
 
 
@@ -147,29 +154,56 @@ def _put_in_spindle(state: ProgramState, tool: int, name: str) -> None:
     state.ignored[name] += 1
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@auxiliary(_LINUXCNC)
 def m62(state: ProgramState, block: WordBlock) -> None:
     """Output on, with the next motion."""
+    _switch_output(state, block, "M62")
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@auxiliary(_LINUXCNC)
 def m63(state: ProgramState, block: WordBlock) -> None:
     """Output off, with the next motion."""
+    _switch_output(state, block, "M63")
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, halts=True)
+@auxiliary(_LINUXCNC, halts=True)
 def m64(state: ProgramState, block: WordBlock) -> None:
     """Output on at once."""
+    _switch_output(state, block, "M64")
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, halts=True)
+@auxiliary(_LINUXCNC, halts=True)
 def m65(state: ProgramState, block: WordBlock) -> None:
     """Output off at once."""
+    _switch_output(state, block, "M65")
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, halts=True)
+def _switch_output(state: ProgramState, block: WordBlock, name: str) -> None:
+    _check_number(block, name, "P", "output")
+    state.ignored[name] += 1
+    block.drop(_OUTPUT_WORDS)
+
+
+def _check_number(block: WordBlock, name: str, letter: str, subject: str) -> None:
+    if round(block.values.get(letter, -1)) < 0:
+        stated = f" {letter}{block.values[letter]:g}" if letter in block.values else ""
+        raise InputError(f"{name}{stated}: must have {letter}, the number of an {subject}, at least 0")
+
+
+@auxiliary(_LINUXCNC, halts=True)
 def m66(state: ProgramState, block: WordBlock) -> None:
-    """Wait for an input."""
+    """Wait for the input P or E, as L says, for at most Q."""
+    values = block.values
+    if "P" in values and "E" in values:
+        raise InputError("M66 with P and E: must have one of them, a digital or an analogue input")
+    _check_number(block, "M66", "E" if "E" in values else "P", "input")
+    waits = round(values.get("L", 0)) != 0
+    if waits and "E" in values:
+        raise InputError(f"M66 E with L{values['L']:g}: must be without L, as analogue inputs are read at once")
+    if waits and values.get("Q", 0) <= 0:
+        raise InputError(f"M66 with L{values['L']:g}: must have Q, the longest wait, above 0 s")
+    state.ignored["M66"] += 1
+    block.drop(_OUTPUT_WORDS)
 
 
 @auxiliary(_LINUXCNC)
@@ -185,7 +219,8 @@ def m68(state: ProgramState, block: WordBlock) -> None:
 
 
 def _set_analogue(state: ProgramState, block: WordBlock, name: str) -> None:
-    number = block.values.get("E", 0.0)
+    _check_number(block, name, "E", "output")
+    number = block.values["E"]
     if not state.set_flow(f"M67 E{number:g}", block.values.get("Q", 0.0)):
         state.ignored[name] += 1
     # R and P of an arc in the same block stay
