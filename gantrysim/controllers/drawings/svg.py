@@ -27,6 +27,15 @@ _LONGEST = 10_000  # characters of any other attribute that is read
 _ABSOLUTE = re.compile(r"\s*[+]?((?:\d+(?:\.\d*)?|\.\d+)(e[+-]?\d+)?)(?:\s*(px|pt|pc|mm|cm|in))?\s*", re.IGNORECASE)
 _IN_PX = {"px": 1.0, "pt": 96 / 72, "pc": 16.0, "mm": 96 / 25.4, "cm": 960 / 25.4, "in": 96.0}
 _DIGITS = re.compile(r"[0-9.]+")
+_FUNCTION = re.compile(r"([a-z]+)\s*\(([^()]*)\)[\s,]*", re.IGNORECASE)
+_ARGUMENT = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?(?:px|pt|pc|mm|cm|in|deg|grad|rad|turn)?", re.IGNORECASE)
+# numbers that each function of a transform takes
+_TAKEN = {
+    **{name: {1} for name in ("translatex", "translatey", "scalex", "scaley", "skewx", "skewy")},
+    **{name: {1, 2} for name in ("translate", "scale", "skew")},
+    "rotate": {1, 3},
+    "matrix": {6},
+}
 _CONTAINERS = {"svg", "g", "a", "switch", "symbol", "use", "defs", "style", "title", "desc", "metadata"}
 _SHAPES = {"path", "rect", "circle", "ellipse", "line", "polyline", "polygon"}
 
@@ -57,6 +66,7 @@ def read_svg(text: str, unit: float | None) -> Sheet:
     for item in root.iter(f"{_SPACE}style"):
         item.text = _rules(item.text or "")
     remarks, px = _size(root, unit)
+    remarks += _dropped_transforms(root)
     _hide_symbols(root)
     plain = ElementTree.tostring(root, encoding="unicode")
     try:
@@ -176,6 +186,34 @@ def _size(root: ElementTree.Element, unit: float | None) -> tuple[tuple[str, ...
     for name, size in zip(("width", "height"), sizes, strict=True):
         root.set(name, repr(size))
     return remarks, 25.4 / 96 if unit is None else unit
+
+
+def _dropped_transforms(root: ElementTree.Element) -> tuple[str, ...]:
+    """Remove transforms that are none, of which the library would apply a part; return a remark that names the first.
+
+    Browsers draw such an element without its transform.
+    """
+    dropped = []
+    for item in root.iter():
+        stated = item.get("transform", "").strip()
+        if stated and stated != "none" and not _is_transform(stated):
+            del item.attrib["transform"]
+            dropped.append(
+                f"<{str(item.tag).removeprefix(_SPACE)}> {item.get('id') or ''}".strip() + f": {stated[:60]}"
+            )
+    if not dropped:
+        return ()
+    others = f", and {len(dropped) - 1} more" if len(dropped) > 1 else ""
+    return (f"transform that cannot be read ({dropped[0]}{others}): without it, as browsers draw it",)
+
+
+def _is_transform(stated: str) -> bool:
+    """Return whether a text is a list of functions, each with as many numbers as it takes."""
+    for name, numbers in _FUNCTION.findall(stated):
+        between = _ARGUMENT.sub("", numbers).replace(",", " ")
+        if between.strip() or len(_ARGUMENT.findall(numbers)) not in _TAKEN.get(name.lower(), set()):
+            return False
+    return not _FUNCTION.sub("", stated).strip()
 
 
 def _hide_symbols(root: ElementTree.Element) -> None:

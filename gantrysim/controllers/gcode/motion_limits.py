@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import at_least, positive
 from gantrysim.base.jit import jit
 from gantrysim.controllers.gcode.move_table import FEED, LIMITS
 from gantrysim.paths.limits import Limited
@@ -147,6 +148,30 @@ class MotionLimits(NamedTuple):
     axis_accelerations: Three | None = None
     corner_speed: float | None = None
     deviation: float | None = None
+
+
+_UNITS = {
+    "speed": "mm/s",
+    "axis_speeds": "mm/s",
+    "axis_accelerations": "mm/s²",
+    "corner_speed": "mm/s",
+    "deviation": "mm",
+}
+
+
+def check_limit(name: str, value: float | tuple[float, ...] | None) -> None:
+    """Check a limit that a program sets: a number or those of x, y and z, of which None and inf are no limit.
+
+    Raises:
+        InputError: one that is not above 0; the speed of corners may be 0, a stop at each, as in Klipper and Marlin.
+    """
+    for number in value if isinstance(value, tuple) else (value,):
+        if number is None or number == math.inf:
+            continue
+        if name == "corner_speed":
+            at_least("corner speed", number, 0, _UNITS[name])
+        else:
+            positive(name.replace("_", " "), number, _UNITS[name])
 
 
 class PieceLimits(NamedTuple):

@@ -13,7 +13,7 @@ from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems
 from gantrysim.controllers.gcode.cutter_compensation import CutterCompensation
 from gantrysim.controllers.gcode.dialects import Firmware, GCodeDialect
 from gantrysim.controllers.gcode.extruder import Extruder
-from gantrysim.controllers.gcode.motion_limits import MotionLimits
+from gantrysim.controllers.gcode.motion_limits import MotionLimits, check_limit
 from gantrysim.controllers.gcode.move_table import DWELL, EXACT_STOP, LINE, MoveRow, MoveTable
 from gantrysim.controllers.valve import Dispense, Outputs
 
@@ -53,13 +53,6 @@ def tool_number(word: str, value: float) -> int:
 # The limits that a program of printers' firmware has set so far.
 
 _MOST_SETTINGS = 10_000  # settings of a program, which may set them anew at every line
-_UNITS = {
-    "speed": "mm/s",
-    "axis_speeds": "mm/s",
-    "axis_accelerations": "mm/s²",
-    "corner_speed": "mm/s",
-    "deviation": "mm",
-}
 
 
 class LimitsInForce:
@@ -89,9 +82,7 @@ class LimitsInForce:
     def change(self, **values: Any) -> None:
         """Set limits by their names, as of `MotionLimits`."""
         for name, value in values.items():
-            for number in value if isinstance(value, tuple) else (value,):
-                if number is not None and number != float("inf"):
-                    positive(name.replace("_", " "), number, _UNITS[name])
+            check_limit(name, value)
         self._now = self._now._replace(**values)
         self._enter()
 

@@ -381,3 +381,28 @@ def test_a_handle_that_lies_on_its_end_but_for_rounding_gives_no_direction(stray
     assert not chain.corners.size
     target = complex(30, -10) if finish == "40 20" else complex(50, -30)  # y of SVG is downwards
     assert chain.heading(np.array([1e-3]))[0] == pytest.approx(np.angle(target), abs=2e-3)
+
+
+TRANSFORMS = (
+    "transalte(10, 0)",
+    "translate(10, 0",
+    "translate(10) foo(3)",
+    "rotate(30 5)",
+    "matrix(1 0 0 1 5)",
+    "rotate(abc)",
+)
+
+
+@pytest.mark.parametrize("misspelt", TRANSFORMS)
+def test_a_misspelt_transform_is_left_out_whole_and_named(misspelt):
+    drawing = Drawing(svg(f'<path id="seal" transform="{misspelt}" d="M1 1 L9 1"/><path d="M9 1 L9 9"/>'))
+    assert drawing.requested.length == pytest.approx(16, abs=EXACT)
+    (note,) = (note for note in drawing.notes if "transform" in note)
+    assert f"<path> seal: {misspelt}" in note
+
+
+@pytest.mark.parametrize(
+    "right", ["translate(10-5)", " rotate(.5turn)scale(1) ", "skewX(0),scale(1 1)", "none", "translate(1px,2mm)"]
+)
+def test_a_transform_in_any_writing_of_its_own_is_read(right):
+    assert not any("transform" in note for note in Drawing(svg(f'<path transform="{right}" d="M1 1 L9 1"/>')).notes)
