@@ -120,7 +120,7 @@ def _even_period(time: Floats, pieces: Sequence[slice], first: int) -> float:
         if late[worst] > EVEN * period:
             raise InputError(
                 f"its samples are not even: at t = {stamps[worst]:g} s one is off by "
-                f"{share_words(late[worst] / period)} the period, {1e3 * period:.4g} ms: must be within "
+                f"{share_words(late[worst] / period, 3)} the period, {1e3 * period:.4g} ms: must be within "
                 f"{share_words(EVEN)} it; {cure}"
             )
     return period

@@ -5,9 +5,9 @@ from __future__ import annotations
 _LARGEST_PERCENT = 10.0  # share from which it is a multiple
 
 
-def share_words(share: float) -> str:
+def share_words(share: float, digits: int = 2) -> str:
     """Return a share of something that follows, as "25 % of", "2.5 % of" or "380 times"."""
-    return times_words(share) if abs(share) >= _LARGEST_PERCENT else f"{_plain(100 * share, 2)} % of"
+    return times_words(share) if abs(share) >= _LARGEST_PERCENT else f"{_plain(100 * share, digits)} % of"
 
 
 def change_words(share: float) -> str:

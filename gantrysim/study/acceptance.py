@@ -145,6 +145,10 @@ class Scope:
         use = acceptance.use(self.aspects)
         return f"{use:.3g} % of the closest limit used ({acceptance.worst(self.aspects)})"
 
+    def reply(self, acceptance: Acceptance) -> str:
+        """Return whether a case within the limits is good enough, in a word, as a run's verdict replies."""
+        return "Barely" if any(acceptance.states[aspect] == WARN for aspect in self.aspects) else "Yes"
+
     def excess(self, acceptance: Acceptance) -> str:
         """Return how far a case is from its limits, as in "17 times the limit (path: ...)"."""
         use = acceptance.use(self.aspects)

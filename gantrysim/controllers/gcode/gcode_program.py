@@ -413,6 +413,11 @@ class GCode(Controller):
                 f"Cutter compensation with tool {tools}, whose diameter was not given: 0 mm, so that the path is the "
                 "programmed one (tool_diameters)."
             )
+        if self.program.without_length:
+            tools = ", ".join(map(str, self.program.without_length))
+            notes.append(
+                f"G43 with tool {tools}, whose length was not given: 0 mm, so that it shifts nothing (tool_lengths)."
+            )
         if self.program.ignored:
             words = ", ".join(f"{word} ({count})" for word, count in sorted(self.program.ignored.items()))
             notes.append(f"Words without an effect on the path: {words}.")

@@ -97,6 +97,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         subroutines=subroutines,
         called_files=called_files,
         without_diameter=tuple(sorted(state.tools.without_diameter)),
+        without_length=tuple(sorted(state.tools.without_length)),
         advances=tuple(state.extruder.advances),
         sets_advance=state.extruder.sets_advance,
         filament=state.extruder.filament,
@@ -124,6 +125,7 @@ class Interpreted:
         subroutines: names of those that the text holds.
         called_files: names of the files of subprograms that were called.
         without_diameter: tools of cutter compensation whose diameter nobody gave.
+        without_length: tools of G43 whose length nobody gave.
         advances: pressure advances to which the moves refer.
         sets_advance: whether the program sets its pressure advance.
         filament: diameter by which E was a volume; 0 where it was a length [mm].
@@ -145,6 +147,7 @@ class Interpreted:
     subroutines: tuple[str, ...] = ()
     called_files: frozenset[str] = frozenset()
     without_diameter: tuple[int, ...] = ()
+    without_length: tuple[int, ...] = ()
     advances: tuple[PressureAdvance, ...] = (PressureAdvance(),)
     sets_advance: bool = False
     filament: float = 0.0

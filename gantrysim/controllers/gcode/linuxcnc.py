@@ -112,7 +112,7 @@ class Program(GCode):
         skip_axes: letters of axes that the machine lacks, such as "A", whose words are counted and skipped; by default
             they are refused.
         subprograms: texts of subroutines kept in separate files, by file name without suffix.
-        tool_lengths: tool lengths by the number H, as {"1": 50.0}; 0 for other tools [mm].
+        tool_lengths: tool lengths by the number H, as {"1": 50.0}; 0, with a note, for other tools [mm].
         tool_diameters: tool diameters for cutter compensation by the number D, as {"1": 0.8}; 0, with a note, for other
             tools [mm].
         parameters: values of named parameters that the machine provides, as {"_hal[feed]": 900.0}.

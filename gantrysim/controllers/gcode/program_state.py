@@ -29,12 +29,14 @@ class Tools:
         selected: number of the last T.
         in_spindle: number of the tool that M6 or M61 put there; 0 without.
         without_diameter: tools of cutter compensation whose diameter nobody gave.
+        without_length: tools of G43 whose length nobody gave.
     """
 
     diameters: dict[int, float] = field(default_factory=dict)
     selected: int = 0
     in_spindle: int = 0
     without_diameter: set[int] = field(default_factory=set)
+    without_length: set[int] = field(default_factory=set)
 
     def diameter(self, number: int) -> float:
         """Return the diameter of a tool; 0, and noted, where nobody gave it [mm]."""

@@ -51,7 +51,9 @@ def circle_answer(study: CircleStudy, rows: Sequence[Row], test: CircularTest, m
     worst = judged[direction]
     if worst.keeps(_SCOPE.aspects):
         spike = _largest_spike(study, {"clockwise": test.clockwise, "counter-clockwise": test.counter_clockwise})
-        return f"Yes, both directions keep {_SCOPE.words}, with {_SCOPE.usage(worst)}: {result}{spike}."
+        return (
+            f"{_SCOPE.reply(worst)}, both directions keep {_SCOPE.words}, with {_SCOPE.usage(worst)}: {result}{spike}."
+        )
     return (
         f"No, run {direction} it is at {_SCOPE.excess(worst)}: {result}; {_source(test, motors)}, and "
         f"{improve_command(study.job)} tries the levers."

@@ -51,8 +51,8 @@ def repeat_answer(study: RepeatStudy, rows: Sequence[Row], paths: dict[str, Repe
     accepted = sum(acceptance.keeps(scope.aspects) for acceptance in judged)
     if accepted == len(repeats):
         return (
-            f"Yes, all {accepted} repeats keep {scope.words}, with at most {scope.usage(worst)}{scope.remark(worst)}: "
-            f"{result}."
+            f"{scope.reply(worst)}, all {accepted} repeats keep {scope.words}, with at most {scope.usage(worst)}"
+            f"{scope.remark(worst)}: {result}."
         )
     failures = f"; the worst is at {scope.excess(worst)}"
     # then the others have no run that could be judged

@@ -92,7 +92,11 @@ def g49(state: ProgramState, block: WordBlock) -> None:
 
 
 def _length_of_tool(state: ProgramState, block: WordBlock) -> float:
-    return state.frames.tools.get(tool_number("H", block.values.pop("H", state.tools.in_spindle)), 0.0)
+    number = tool_number("H", block.values.pop("H", state.tools.in_spindle))
+    # the tool 0 is an empty spindle
+    if number and number not in state.frames.tools:
+        state.tools.without_length.add(number)
+    return state.frames.tools.get(number, 0.0)
 
 
 @setting("corners")
