@@ -3,12 +3,13 @@
 from types import SimpleNamespace
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from gantrysim.identify.identification import IdentifiedValue
-from gantrysim.identify.plots import Course, draw_course, draw_values
+from gantrysim.identify.plots import Course, draw_course, draw_values, save_plots
 from gantrysim.report.plots.style import sheet
 
 mpl.use("agg")
@@ -62,3 +63,16 @@ def test_the_course_of_a_log_has_a_panel_and_a_unit_for_each_quantity(monkeypatc
             np.testing.assert_allclose(line, columns[name] * (1e3 if name == "residual" else 1.0))
     assert panels[0].get_title("right") == "axis y"
     assert panels[-1].get_xlabel() == "time of the log [s]"
+
+
+def test_a_picture_has_a_row_of_the_same_height_for_each_axis(monkeypatch, tmp_path):
+    """What two axes are higher than one is the height of a row, and of three twice that."""
+    monkeypatch.setattr("gantrysim.identify.plots.draw_friction", lambda part, of: None)
+    monkeypatch.setattr("gantrysim.identify.plots.draw_residuals", lambda fits, period: Figure())
+    monkeypatch.setattr("gantrysim.identify.plots.draw_moves_response", lambda fits, period: Figure())
+    heights = []
+    for count in (1, 2, 3):
+        save_plots((None,) * count, SimpleNamespace(period=1e-3), tmp_path)
+        heights.append(len(plt.imread(tmp_path / "friction.png")))
+    assert np.diff(heights, 2) == pytest.approx(0, abs=1)
+    assert heights[1] > 1.5 * heights[0]

@@ -221,6 +221,26 @@ def test_a_newer_request_ends_an_older_one(answers):
         answers.studio.answer(request, lambda *_: None)
 
 
+def test_a_newer_request_ends_a_report_at_its_next_step(answers, monkeypatch, tmp_path):
+    """Its progress is the only place at which it is asked: none of its files is written."""
+    monkeypatch.setattr("gantrysim.live.studio._PACE", 0.0)
+    answers.number += 1
+    request = Request(answers.number, "report", Draft("an225"), folder=str(tmp_path / "reports"))
+    answers.studio.newest = request.number
+    shares = []
+
+    def send(kind, content):
+        assert (kind, content["task"]) == ("progress", "report")
+        shares.append(content["share"])
+        answers.studio.newest = request.number + 1
+
+    with pytest.raises(StaleError):
+        answers.studio.answer(request, send)
+    assert len(shares) == 1
+    assert not (tmp_path / "reports").exists()
+    answers.number += 1
+
+
 def test_a_newer_request_ends_an_older_one_within_its_run(answers):
     answers.number += 1
     request = Request(answers.number, "show", Draft("an225", values={"program.turns": 5}))

@@ -1,6 +1,7 @@
 """The delta robot: geometry against MuJoCo and root finding, dynamics of its closed chain, limits."""
 
 import math
+import re
 
 import mujoco
 import numpy as np
@@ -243,6 +244,35 @@ def test_out_of_reach_and_near_singularities_is_refused(delta):
     # the positions before these are taken, and forward kinematics agree there too
     column = np.array([[0, 0, z, 0.0] for z in np.arange(265.0, 675.0, 5.0)])
     np.testing.assert_allclose(kinematics.forward(kinematics.inverse(column)), column, rtol=0, atol=EXACT)
+
+
+def refusal(kinematics, *positions):
+    """The row that is refused, and the sentence; none of a row and an empty one where all are reached."""
+    try:
+        kinematics.inverse(np.array(positions, float))
+    except UnreachableError as error:
+        return error.row, str(error)
+    return None, ""
+
+
+def test_the_first_position_out_of_reach_and_its_arm_are_named(delta):
+    """A platform that leaves the middle leaves the reach of one arm first, all around the robot of each in its turn."""
+    kinematics = roomy(delta).kinematics
+    home = (0, 0, HOME, 0)
+    # of any arm
+    out = (1900, 0, HOME, 0)
+    assert "beside the plane in which it turns, must be at most 450 mm" in refusal(kinematics, out)[1]
+    named = set()
+    for angle in np.radians(np.arange(0.0, 360.0, 40.0)):
+        places = [(r * math.cos(angle), r * math.sin(angle), HOME, 0) for r in range(300, 1900, 5)]
+        beyond = next(place for place in places if "out of reach" in refusal(kinematics, place)[1])
+        row, text = refusal(kinematics, home, beyond, out)
+        assert row == 1
+        assert text == refusal(kinematics, beyond)[1]
+        arm, measured, bound = re.search(r"out of reach of (a\d), (\S*) mm .* (\S*) mm$", text).groups()
+        assert float(measured) > float(bound)
+        named.add(arm)
+    assert named == set(kinematics.names_of_arms)
 
 
 def test_limits_of_linear_axes_are_refused(delta):

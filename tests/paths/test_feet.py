@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gantrysim.paths.chain import Chain
+from gantrysim.paths.nearest import Table, find_starts
 from gantrysim.paths.pieces import Coil, Line
 from gantrysim.paths.spirals import Involute
 
@@ -13,6 +14,9 @@ ROUNDING = 1e-13  # of a position some 100 mm from the origin [mm]
 FRAME = 3e-13  # of the directions at a foot
 PLACE = 1e-10  # of a foot along the path [mm]
 SAGITTA = 5e-6  # of a chord [mm]
+
+CHORDS = 8
+SKIPPED = 3  # chords from one to the next of those looked at, the root of their number and one more
 
 PATHS = {
     "involute": Involute(60.0, 6.0, 4.0, (20.0, 10.0)),
@@ -81,3 +85,19 @@ def test_nearest_point_of_a_stretch_is_that_of_all_of_its_points():
         # no point of the stretch is nearer, but for the sagitta by which chords differ, and some point is as near
         assert distance - step <= foot.distance[k] <= distance + 2 * SAGITTA
         assert stretches[0, k] - PLACE <= foot.s[k] <= stretches[1, k] + PLACE
+
+
+@pytest.mark.parametrize("chord", range(0, CHORDS, SKIPPED))
+def test_the_search_of_a_whole_path_begins_at_the_nearest_chord_looked_at(chord):
+    """Points square to the middle of such a chord; what lies in memory behind the path, on the point, is not looked at.
+
+    The path is a straight one with entries every 10 mm.
+    """
+    s = 10.0 * np.arange(CHORDS + 1)
+    point = np.array([[10.0 * chord + 5.0, 1.0, 0.0]])
+    memory = np.repeat(point, CHORDS + 4, axis=0)
+    memory[: CHORDS + 1] = np.column_stack([s, 0 * s, 0 * s])
+    table = Table(s, memory[: CHORDS + 1], np.zeros(CHORDS + 1, bool), 10.0)
+    places = np.full(1, np.nan)
+    find_starts(table, point, places)
+    assert places == s[chord]

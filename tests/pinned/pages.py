@@ -12,6 +12,7 @@ from pinned.runs import JOBS, RUNS, digits
 from gantrysim.base.quantity import Quantity
 from gantrysim.job.scatter import Figure as ScatterFigure
 from gantrysim.job.scatter import Scatter
+from gantrysim.remedy.levers import LEVERS
 from gantrysim.report.answer import Answer, Remedy
 from gantrysim.report.card import HEIGHT, WIDTH, draw_card
 from gantrysim.report.document import Changes, Column, Section, Table, lead_of
@@ -302,6 +303,13 @@ def words_answer():
     }
 
 
+def levers_answer():
+    return {
+        lever.name: [lever.meaning, lever.cost, lever.cost_above, lever.rows, lever.causes, lever.effort]
+        for lever in LEVERS
+    }
+
+
 def style_answer():
     x = np.arange(5000.0)
     y = np.where(np.arange(5000) % 999 == 7, np.nan, np.sin(0.01 * x))
@@ -362,6 +370,7 @@ CASES |= {
     "rows": shown_answer,
     "scatter": scatter_answer,
     "words": words_answer,
+    "levers": levers_answer,
     "style": style_answer,
 }
 CASES |= {f"viewer, {name}": lambda name=name: viewer_answer(name) for name in ("viewed", "climbing", "dots")}

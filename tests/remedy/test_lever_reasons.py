@@ -1,6 +1,7 @@
 """Why a lever does not apply to jobs of other kinds, and values in the words of a line to paste."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -8,6 +9,7 @@ from gantrysim import Job
 from gantrysim.remedy.lever import State
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.wording import Keys, comment_of, value_text
+from gantrysim.results.verdict import GLUE
 
 from support.remedies import AREA, CIRCLE, DOTS, SIDES, content_of, lines_job, outcome, spiral_job
 
@@ -71,6 +73,16 @@ def test_a_lever_says_why_it_does_not_apply_to_a_job_of_another_kind(name, build
     settings = lever.settings(State(build(), outcome))
     assert isinstance(settings, str), settings
     assert settings.startswith(reason)
+
+
+@pytest.mark.parametrize(
+    ("height", "reason"), [(0.0, "the needle does not touch its bead"), (0.1, "the machine has no axis z")]
+)
+def test_the_lift_says_why_it_does_not_apply_by_the_height_to_which_the_needle_ploughs(height, reason):
+    lever = next(lever for lever in LEVERS if lever.name == "lift")
+    ploughed = SimpleNamespace(name="bead_ploughed", value=height)
+    verdict = {GLUE: SimpleNamespace(checks=(ploughed,))}
+    assert lever.settings(State(lines_job(SIDES), lambda _: SimpleNamespace(verdict=verdict))) == reason
 
 
 @pytest.mark.parametrize(

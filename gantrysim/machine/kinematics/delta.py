@@ -189,11 +189,16 @@ class Delta(Kinematics):
         if out.any():
             row = int(out.any(axis=1).argmax())
             k = int(out[row].argmax())
+            place = f"{self.position_text(position[row])}: out of reach of {self.names_of_arms[k]}"
+            rod = self.rod[k]
+            beside = abs(float(self.hinge[k] @ (self.joint[k] + u[row] - self.shoulder[k] - self.elbow[k])))
+            if beside > rod:
+                raise UnreachableError(
+                    f"{place}, {beside:.4g} mm beside the plane in which it turns, must be at most {rod:.4g} mm", row
+                )
             distance, low, high = self._span(u[row], k)
             raise UnreachableError(
-                f"{self.position_text(position[row])}: out of reach of {self.names_of_arms[k]}, "
-                f"{distance:.4g} mm from its shoulder, must be {low:.4g} to {high:.4g} mm",
-                row,
+                f"{place}, {distance:.4g} mm from its shoulder, must be {low:.4g} to {high:.4g} mm", row
             )
 
     def _span(self, u: Floats, k: int) -> tuple[float, float, float]:
