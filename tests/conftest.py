@@ -99,6 +99,17 @@ def pytest_collection_finish(session):
     gc.set_threshold(10_000)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _frozen_imports() -> Iterator[None]:
+    """Keep the garbage collector from what the tests of a module have imported, compiled and cached.
+
+    The workbench collects before each answer, which took half a second towards the end of the suite.
+    """
+    yield
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture
 def rigid(tmp_path: Path) -> Callable[..., Machine]:
     """A rigid two-axis machine without friction but viscous; keywords replace RIGID_DEFAULTS."""
