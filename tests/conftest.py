@@ -34,6 +34,7 @@ from support.browser import Browser, chromium
 from support.built_machines import built_once
 from support.fresh import FreshProcesses
 from support.parsed_app import parsed_app
+from support.shared_opengl import shared_opengl
 from support.soaked import WHOLE, number_of_examples
 
 settings.register_profile(
@@ -131,6 +132,16 @@ def _built_machines() -> Iterator[None]:
         yield
         return
     with built_once():
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _shared_opengl() -> Iterator[None]:
+    """Renderers share an OpenGL context, see `support.shared_opengl`; in the soak each has its own."""
+    if WHOLE:
+        yield
+        return
+    with shared_opengl():
         yield
 
 
