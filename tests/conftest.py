@@ -5,11 +5,9 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
-import typer
 from hypothesis import HealthCheck, settings
 
 # Before NumPy and SciPy are loaded, here and in processes of the tests: their matrices are small, and threads that wait
@@ -28,13 +26,15 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 from gantrysim import Machine
-from gantrysim.cli.main import app, main
+from gantrysim.cli.main import main
 from gantrysim.paths.arcs import ArcChain
 
 from support.blank_pictures import save_blank
 from support.browser import Browser, chromium
 from support.built_machines import built_once
 from support.fresh import FreshProcesses
+from support.parsed_app import parsed_app
+from support.shared_opengl import shared_opengl
 from support.soaked import WHOLE, number_of_examples
 
 settings.register_profile(
@@ -99,6 +99,20 @@ def pytest_collection_finish(session):
     gc.set_threshold(10_000)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _frozen_imports() -> Iterator[None]:
+    """Keep the garbage collector from what the tests of a module have imported, compiled and cached.
+
+    The workbench collects before each answer, which took half a second towards the end of the suite.
+    """
+    yield
+    _, middle, old = gc.get_count()
+    # that is, since the last time by which a generation has grown
+    if middle or old:
+        gc.collect()
+        gc.freeze()
+
+
 @pytest.fixture
 def rigid(tmp_path: Path) -> Callable[..., Machine]:
     """A rigid two-axis machine without friction but viscous; keywords replace RIGID_DEFAULTS."""
@@ -118,6 +132,16 @@ def _built_machines() -> Iterator[None]:
         yield
         return
     with built_once():
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _shared_opengl() -> Iterator[None]:
+    """Renderers share an OpenGL context, see `support.shared_opengl`; in the soak each has its own."""
+    if WHOLE:
+        yield
+        return
+    with shared_opengl():
         yield
 
 
@@ -173,12 +197,6 @@ def blank_pictures() -> Iterator[None]:
         yield
 
 
-@cache
-def _parsed_app():
-    """The command with the parameters of all its functions, which typer reads anew at each call."""
-    return typer.main.get_command(app)
-
-
 @pytest.fixture
 def gantrysim_command(request, monkeypatch, capsys):
     """Run the command in this process: exit status, standard output, standard error.
@@ -188,7 +206,7 @@ def gantrysim_command(request, monkeypatch, capsys):
     if not WHOLE and not any(request.node.get_closest_marker(name) for name in ("drawn", "soak")):
         monkeypatch.setattr("matplotlib.figure.Figure.savefig", save_blank)
 
-    monkeypatch.setattr("gantrysim.cli.main.app", _parsed_app())
+    monkeypatch.setattr("gantrysim.cli.main.app", parsed_app())
 
     def command(*arguments):
         monkeypatch.setattr(sys, "argv", ["gantrysim", *map(str, arguments)])

@@ -20,6 +20,7 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 
 from support.blank_pictures import save_blank
+from support.parsed_app import parsed_app
 
 PART = "G21 G90 G64 P0.05\nF3600\nG0 X10 Y10\nG1 X50\nG1 Y30\nG1 X10 Y30\nM2\n"
 # without an axis of glue: a dry program
@@ -229,6 +230,7 @@ def printed(arguments):
         redirect_stdout(out),
         redirect_stderr(err),
         patch("matplotlib.figure.Figure.savefig", save_blank),
+        patch("gantrysim.cli.main.app", parsed_app()),
     ):
         try:
             main()
