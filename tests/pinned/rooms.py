@@ -17,6 +17,7 @@ ROOMS = {
     "designs": 1e-6,
     "mechanics": 1e-6,
     "comparisons": 5e-3,
+    "exchanges": 1e-5,
 }
 
 
