@@ -18,6 +18,7 @@ ROOMS = {
     "mechanics": 1e-6,
     "comparisons": 5e-3,
     "exchanges": 1e-5,
+    "identifications": 5e-3,
 }
 
 
