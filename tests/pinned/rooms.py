@@ -19,6 +19,7 @@ ROOMS = {
     "comparisons": 5e-3,
     "exchanges": 1e-5,
     "identifications": 5e-3,
+    "jobs": 1e-6,
 }
 
 
