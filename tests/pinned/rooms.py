@@ -20,6 +20,7 @@ ROOMS = {
     "exchanges": 1e-5,
     "identifications": 5e-3,
     "jobs": 1e-6,
+    "workbench": 5e-3,
 }
 
 
