@@ -21,6 +21,7 @@ ROOMS = {
     "identifications": 5e-3,
     "jobs": 1e-6,
     "workbench": 5e-3,
+    "studies": 5e-3,
 }
 
 
