@@ -3,6 +3,7 @@
 import csv
 import re
 import tempfile
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -365,7 +366,11 @@ def printer_answer(text, modes=("torque",) * 3):
                 found, notes = PrinterConfig.load(place / "printer.cfg").tables("xyz", modes)
             except InputError as error:
                 return str(error).replace(f"{folder}/", "")
-            return {"text": [line for line in found.splitlines() if line], "notes": notes}
+            return {
+                "text": [line for line in found.splitlines() if line],
+                "notes": notes,
+                "servo": tomllib.loads(found).get("servo"),
+            }
 
     return answer()
 

@@ -98,6 +98,11 @@ LOGS = {
         ),
     ),
     "velocity": (log_text(["time", "x velocity", "x torque"], [seconds, speed, torque]),),
+    "velocity, with a gap": (
+        with_rows(
+            log_text(["time", "x velocity", "x torque"], [seconds, speed, torque]), lambda rows: rows[:40] + rows[45:]
+        ),
+    ),
     "velocity in rpm": (log_text(["time", "x velocity [rpm]", "x torque"], [seconds, twice(speed, 60), torque]),),
     "velocity in counts": (log_text(["time", "x velocity [counts/s]", "x torque"], [seconds, speed, torque]),),
     "both agree": (log_text(BOTH, [seconds, position, speed, torque], 600),),
