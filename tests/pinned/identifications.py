@@ -100,7 +100,7 @@ LOGS = {
     "velocity": (log_text(["time", "x velocity", "x torque"], [seconds, speed, torque]),),
     "velocity, with a gap": (
         with_rows(
-            log_text(["time", "x velocity", "x torque"], [seconds, speed, torque]), lambda rows: rows[:40] + rows[45:]
+            log_text(["time", "x velocity", "x torque"], [seconds, speed, torque]), lambda rows: rows[:80] + rows[85:]
         ),
     ),
     "velocity in rpm": (log_text(["time", "x velocity [rpm]", "x torque"], [seconds, twice(speed, 60), torque]),),
