@@ -70,10 +70,10 @@ def identify(
 ) -> None:
     """Fit inertia, friction, first mode and delay of a machine's axes to a log of their torque and position.
 
-    With --plan, write the program of the moves to log. Otherwise write report.html, the page with log, fit, friction
-    and what to record next; identified.toml with the values and their 95 % confidence intervals; machine.xml with the
-    fitted machine for all other commands; and three plots. The fitted machine is simulated with the log's torque, and a
-    line states what the model lacks.
+    With --plan, write the program of the moves that are to be logged. Otherwise write report.html, the page with
+    log, fit, friction and what to record next; identified.toml with the values and their 95 % confidence intervals;
+    machine.xml with the fitted machine for all other commands; and three plots. The fitted machine is simulated
+    with the log's torque, and a line states what the model lacks.
 
     The log has a column time, or --period, and for each axis columns such as 'x position' or 'x velocity', and 'x
     torque' or 'x demand', with their units in brackets or below. Rows may be missing; --column names other headings.

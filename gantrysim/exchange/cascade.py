@@ -12,6 +12,7 @@ from gantrysim.tables.units import NUMBER
 
 _SOFTMC = ("KPP", "KPI", "KVP", "KPVFR", "KPAFR")
 _OF_DRIVE = "KVI"  # of the integral term that a velocity loop in the drive has
+_FANUC_RANGES = {"1825": (1, 9999), "2092": (0, 10000)}  # valid data of the parameters
 
 
 class SoftMC(Dialect):
@@ -148,16 +149,13 @@ class Fanuc(Dialect):
         kv = axis.has("kd - output_velocity", axis.on_error["kd"], "it is the gain of the velocity loop")
         return {name: axis.gains[name] for name in GAIN_NAMES} | {"kp": words.get("1825", 0.0) / 100 * kv}
 
-    def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
-        remarks = super().remarks(words, axis)
-        of_job = [
-            f"{name} = {value:g}"
-            for name, value in axis.gains.items()
-            if value and name not in self.carried_fields(axis.mode)
+    def warnings(self, axis: AxisServo) -> list[str]:
+        return [
+            f"{word.name} of axis {axis.name} = {word.value:g}: a control takes {lowest} to {highest}"
+            for word in self.words(axis)
+            for lowest, highest in (_FANUC_RANGES[word.name],)
+            if not lowest <= word.value <= highest
         ]
-        if of_job:
-            remarks.append(f"no parameter of {self.name}, kept from the job for axis {axis.name}: {', '.join(of_job)}")
-        return remarks
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:
         by_parameter: dict[str, list[str]] = {}

@@ -216,6 +216,10 @@ class Dialect(ABC):
         unused = [f"{name} = {words[name]:g}, {meaning}" for name, meaning in self.settings.items() if words.get(name)]
         return [f"not taken over for axis {axis.name}: {'; '.join(unused)}"] if unused else []
 
+    def warnings(self, axis: AxisServo) -> list[str]:
+        """Return notes on parameters of an axis that a controller would not take as they are written."""
+        return []
+
     def has_gains(self, text: str) -> bool:
         """Return whether a text has gains of any axis; one without may be the file of a position drive."""
         return True
@@ -291,7 +295,9 @@ class AxisLimits(NamedTuple):
 
     def in_words(self) -> str:
         """Return the limits in a line."""
-        parts = [f"{self.speed:.6g} mm/s", f"{self.acceleration:.6g} mm/s²"]
+        parts = [f"{self.speed:.6g} mm/s"]
+        if self.acceleration:
+            parts.append(f"{self.acceleration:.6g} mm/s²")
         if self.steps:
             parts.append(f"{self.steps:.6g} steps/mm, {1e3 / self.steps:.4g} µm each")
         if self.following_error:

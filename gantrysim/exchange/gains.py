@@ -147,7 +147,8 @@ def export_gains(name: str, axes: Sequence[Axis], servo: Servo) -> tuple[str, li
             f"{name} has no parameter for {', '.join(lost.values())}: the controller would run a different servo; "
             f"run and export the job without: {' '.join(f'--set {remedy(field)}' for field in lost)}{instead}"
         )
-    notes = settings_beside_gains(chosen, servo)
+    notes = [warning for axis in axis_servos for warning in chosen.warnings(axis)]
+    notes += settings_beside_gains(chosen, servo)
     return chosen.text(axis_servos, notes), notes
 
 

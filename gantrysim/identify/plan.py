@@ -149,7 +149,7 @@ def _point(names: tuple[str, ...], axis: str, distance: float) -> str:
 
 def _gcode(machine: Machine, moves: list[Stroke]) -> str:
     lines = [
-        f"( Excitation of the axes {', '.join(machine.axis_names)} for their identification )",
+        f"( Excitation of the axes {', '.join(dict.fromkeys(move.axis for move in moves))} for their identification )",
         "( the accelerations are those of the configuration )",
         "G21 G90 G94 G61.1",
     ]

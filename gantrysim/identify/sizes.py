@@ -20,6 +20,12 @@ def times_words(ratio: float, digits: int = 3) -> str:
     return f"{_plain(ratio, digits)} times"
 
 
+def times_beside(ratio: float, *bounds: float) -> str:
+    """Return a ratio as "2.91 times", with further digits where it would read as a bound that it misses."""
+    words = times_words(ratio)
+    return times_words(ratio, 6) if words in map(times_words, bounds) else words
+
+
 def count_words(counts: float) -> str:
     """Return a size in counts of an encoder, as "3.2 counts" or "2,300 counts"."""
     return f"{_plain(counts, 2)} counts"

@@ -66,8 +66,9 @@ class Job(LoadedJob):
         notes = (*self._choice, *self.controller.notes, *machine_notes(self.built_machine, self.margins, servo))
         if self.simulation.engine == "loop":
             hindrance = self.prepared_simulation().hindrance
-            by = "the compiled loop makes the physics steps" if hindrance is None else f"MuJoCo makes them: {hindrance}"
-            notes = (*notes, f'simulation.engine = "loop": {by}')
+            maker = "the compiled loop" if hindrance is None else "MuJoCo"
+            reason = "" if hindrance is None else f": {hindrance}"
+            notes = (*notes, f'simulation.engine = "loop": {maker} makes the physics steps{reason}')
         if self.controller.feeds_material:
             notes = (*notes, self.dispenser.material_note(is_advanced=self.setpoints.extruder is not None))
         dispenser = self.dispenser

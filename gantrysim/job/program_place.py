@@ -141,6 +141,15 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
         rise = _rise(_heights(setpoints), travel["z"][0])
         if rise:
             changes = _raised_program(controller, rise)
+        if "program.start" in changes and _rises_to_glue(setpoints):
+            # a corner at the end of that rise is cut below the bead; a program that begins above has none
+            above = [
+                *changes["program.start"][:_Z],
+                box["z"][1] / _upward(controller),
+                *changes["program.start"][_Z + 1 :],
+            ]
+            rise = _rise(_heights(_planned(job, {"program.start": above})), travel["z"][0])
+            changes = _raised_program(controller, rise)
         box["z"] = (box["z"][0] + rise, box["z"][1] + rise)
     if open_place.gap and "z" in box:
         changes = _gap_changes(job.machine, machine.gap, setpoints)
@@ -214,12 +223,31 @@ def _rise(heights: _Heights, lowest_travel: float) -> float:
     return round(-bead, _DECIMALS) + 0.0
 
 
+def _planned(job: JobContent, values: dict[str, Any]) -> Setpoints:
+    """Return the setpoints of a job's program with other values."""
+    changed = job.changed(values)
+    return changed.controller.setpoints(job.servo.period)
+
+
+def _rises_to_glue(setpoints: Setpoints) -> bool:
+    """Return whether a program rises to its first glue, and never was as high before."""
+    first = int(np.argmax(setpoints.dispense))
+    z = setpoints.position[: first + 1, setpoints.axes.index("z")]
+    return bool(z[-1] > z[0] and z[-1] == z.max())
+
+
+def _upward(controller: Controller) -> float:
+    """Return the height in the work frame per height in a program's own, negative for one that counts downwards."""
+    placement = controller.placement  # type: ignore[attr-defined]  # of those that can be placed
+    upward: float = placement.scale * placement.upward
+    return upward
+
+
 def _raised_program(controller: Controller, rise: float) -> dict[str, Any]:
     """Return the changes that raise a program; a start below its lowest bead is raised to that."""
     changes: dict[str, Any] = {"program.placement.z": rise}
     start = getattr(controller, "start", None)
-    placement = controller.placement  # type: ignore[attr-defined]  # of those that can be placed
-    upward = placement.scale * placement.upward
+    upward = _upward(controller)
     if start is not None and len(start) > _Z and upward * start[_Z] < -rise:
         changes["program.start"] = [*start[:_Z], -rise / upward, *start[_Z + 1 :]]
     return changes

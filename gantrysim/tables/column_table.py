@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.errors import InputError, unknown_text
 from gantrysim.tables.text_table import BLANKS, GAPS, Dialect, TextTable
 from gantrysim.tables.units import NUMBER, SUFFIXES, TIME, factor, is_unit, name_and_unit
 
@@ -159,7 +159,7 @@ class ColumnTable:
         bare = name_and_unit(column)[0]
         if bare in known:
             return bare
-        raise unknown(f"column of {self.label}", column, names)
+        raise InputError(f"{self.label}: {unknown_text('column', column, names)}")
 
 
 def numbered_columns(label: str, table: TextTable) -> ColumnTable:

@@ -470,7 +470,7 @@ def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_com
     files = {"compare.json", "overlay.png", "spectrum.png", "report.html"}
     assert {item.name for item in (folder / "compare").iterdir()} == files
     for arguments, message in (
-        (("--columns", "time=t,x=nope,y=py"), "unknown column of"),
+        (("--columns", "time=t,x=nope,y=py"), ": unknown column 'nope'"),
         (("--columns", columns, "--align", "tim"), "did you mean time"),
         (("--columns", columns, "--circle", "10,1"), "must be RADIUS or RADIUS,X,Y"),
     ):

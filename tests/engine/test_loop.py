@@ -305,5 +305,7 @@ def test_a_job_says_what_makes_its_steps():
     assert not [note for note in Job.load("an225").notes if "engine" in note]
     loop, turning = (Job.load(name, ["simulation.engine=loop"]) for name in ("an225", "stage-outline"))
     assert loop.notes[-1] == 'simulation.engine = "loop": the compiled loop makes the physics steps'
-    assert turning.notes[-1] == f'simulation.engine = "loop": MuJoCo makes them: {TURNING["stage-outline"]}'
+    assert (
+        turning.notes[-1] == f'simulation.engine = "loop": MuJoCo makes the physics steps: {TURNING["stage-outline"]}'
+    )
     np.testing.assert_array_equal(loop.run().motor, Job.load("an225").run(engine="loop").motor)

@@ -242,11 +242,22 @@ def test_fanuc_s_loop_gain_is_rounded_to_a_hundredth_and_scales_kp(xy):
     assert doubled.gains[0].kp / servo.gains[0].kd == pytest.approx(40)
 
 
+def test_a_loop_gain_beyond_what_a_fanuc_control_takes_is_noted(xy):
+    """Parameter 1825 has 1 to 9999 hundredths per second."""
+    velocity = Servo.derive(xy.axes, PERIOD, mode="velocity", notch_frequency=0.0, integral_time=math.inf)
+    for kp, noted in (((99.99, 0.01), 0), ((100.0, 0.0), 2)):
+        _, notes = export_gains("fanuc", xy.axes, velocity.with_values(kp=kp))
+        assert sum("a control takes 1 to 9999" in note for note in notes) == noted
+
+
 def test_what_a_file_leaves_to_the_job_or_to_a_default_is_noted(xy, servo):
     read, notes = read_gains("fanuc", "N01825 A1 P4000 A2 P1000", xy.axes, servo)
     assert read.per_axis("ki") == servo.per_axis("ki")
-    kept = f"ki = {servo.gains[1].ki:g}, velocity_ff = {servo.gains[1].velocity_ff:g}, acceleration_ff = "
-    assert any(f"no parameter of fanuc, kept from the job for axis y: {kept}" in note for note in notes)
+    # once, of all axes
+    (note,) = notes
+    values = ", ".join(f"{axis} {gains.ki:g}" for axis, gains in zip("xy", servo.gains, strict=True))
+    assert note.startswith(f"no parameter of fanuc states ki ({values}), velocity_ff (")
+    assert note.endswith("): kept from the job's servo")
     read, notes = read_gains("softmc", "x.KPP=40\nx.KVP=0.1\ny.KPP=40\ny.KVP=0.1\ny.KPVFR=1", xy.axes, servo)
     assert read.gains[0].velocity_ff == -read.gains[0].kd
     assert read.gains[1].velocity_ff == 0

@@ -68,7 +68,7 @@ def test_columns_of_any_name(tmp_path):
     log = read_log(file, MACHINE, named)
     assert log.period == pytest.approx(1e-3)
     assert np.allclose(log.position[:, 0], position, atol=1e-9)
-    with pytest.raises(InputError, match=r"unknown column of .*log\.csv 'MPOS'.* known: .*MPOS AXIS\(0\)"):
+    with pytest.raises(InputError, match=r"log\.csv: unknown column 'MPOS'.* known: .*MPOS AXIS\(0\)"):
         read_log(file, MACHINE, {**named, "x position": "MPOS"})
     with pytest.raises(InputError, match="unknown column 'z position': did you mean y position"):
         read_log(file, MACHINE, {"z position": "DAC"})

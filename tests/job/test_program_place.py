@@ -301,3 +301,23 @@ def test_a_file_leaves_open_what_it_does_not_state(content, opened):
     values = OpenValues.of(content)._asdict()
     assert values.pop("dialect") is None
     assert {name for name, is_open in values.items() if is_open} == opened
+
+
+RISES = {
+    "part.ngc": ("G21 G90 G64 P0.1\nF600\nG1 Z30\nG1 X40\nG1 Y20\nM2\n", 30.0),
+    "part.gcode": ("M83\nG0 F6000 X10 Y10 Z0.2\nG1 F1800 X40 Y10 E0.9\nG1 X40 Y40 E0.9\n", 0.2),
+    # from above nothing is cut below the bead
+    "above.gcode": ("M83\nG0 F6000 Z5\nG0 X10 Y10 Z0.2\nG1 F1800 X40 Y10 E0.9\nG1 X40 Y40 E0.9\n", 0.2),
+}
+
+
+@pytest.mark.parametrize("name", RISES)
+def test_a_rise_to_the_first_bead_does_not_set_its_height(tmp_path, name):
+    """Where the corner at the end of the rise is cut, the nozzle passes below the bead that lies on the work."""
+    text, height = RISES[name]
+    job = Job.load(str(file_of(tmp_path, text, name)))
+    assert job.program["placement"]["z"] == pytest.approx(-height, abs=1e-9)
+    glue = job.setpoints.dispense
+    assert job.machine == "xyz"
+    if "z" in job.setpoints.axes:
+        assert job.setpoints.position[glue, 2].min() == pytest.approx(0.0, abs=1e-9)

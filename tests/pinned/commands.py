@@ -217,6 +217,52 @@ COMMANDS = {
         ("study", "circle", "--machine", "xy", "--radius", "10", "--speed", "60", "--workers", "1"),
     ],
     "info": [("info", "servo.damping"), ("info", "dispenser.stop_lead")],
+    "info of names": [
+        ("info",),
+        ("info", "xyz"),
+        ("info", "softmc-arc"),
+        ("info", "stage.OutlineTrace"),
+        ("info", "servo.dampig"),
+        ("info", "machines"),
+        ("info", "gains"),
+    ],
+    "fail on": [
+        (*BRIEF_RUN, "--fail-on", "warn"),
+        (*BRIEF_RUN, "--fail-on", "fail", "--set", "servo.frequency=3"),
+        (*BRIEF_RUN, "--fail-on", "glory"),
+        ("run", "part.toml", "--servo", "soft.toml"),
+        ("run", "lost.toml"),
+    ],
+    "improve": [
+        ("improve", "part.toml", "--workers", "1", "--no-by-place", "--no-fastest", "--apply", "better.toml"),
+        ("check", "better.toml"),
+        ("improve", "part.toml", "--lever", "glory"),
+    ],
+    "export": [
+        BRIEF_RUN,
+        ("export", "out/part", "--out", "run.csv"),
+        ("export", "out/part", "--out", "run.mat"),
+        ("export", "out/part", "--out", "run"),
+        ("export", "out/part", "--format", "xls"),
+        ("export", "out/lost"),
+    ],
+    "tune": [
+        ("tune", "part.toml", "--budget", "10", "--workers", "1", "--unseen", "1"),
+        ("tune", "part.toml", "--budget", "0"),
+        ("tune", "part.toml", "--figure", "glory"),
+    ],
+    "plan": [
+        ("identify", "axes", "--plan", "--machine", "xy", "--out", "moves.bas"),
+        ("identify", "lost.csv", "--machine", "xy"),
+        ("replay", "log.csv", "--machine", "xy"),
+    ],
+    "compare a record": [
+        BRIEF_RUN,
+        ("compare", "out/part", "--measured", "out/part", "--align", "time", "--no-contrast"),
+        ("compare", "out/part", "--measured", "out/part", "--align", "glory"),
+        ("compare", "out/part"),
+        ("compare", "out/part", "out/lost"),
+    ],
 }
 RULES = str.maketrans(dict.fromkeys("┏┓━┳┃┡╇┩│└┘┴─├┤┼╪", " "))
 

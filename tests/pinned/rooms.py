@@ -17,6 +17,11 @@ ROOMS = {
     "designs": 1e-6,
     "mechanics": 1e-6,
     "comparisons": 5e-3,
+    "exchanges": 1e-5,
+    "identifications": 5e-3,
+    "jobs": 1e-6,
+    "workbench": 5e-3,
+    "studies": 5e-3,
 }
 
 

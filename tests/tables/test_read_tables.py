@@ -161,7 +161,7 @@ def test_units_in_names_and_factors_are_applied(log):
     assert found.values(Source("5"), "mm").tolist() == [5.0]
     with pytest.raises(InputError, match="column angle is in 'rad': must be in mm"):
         found.values(Source("angle"), "mm")
-    with pytest.raises(InputError, match=r"unknown column of .*did you mean raw"):
+    with pytest.raises(InputError, match=r": unknown column .*did you mean raw"):
         found.values(Source("rav"), "mm")
 
 

@@ -13,7 +13,7 @@ from gantrysim.identify.checks.units import position_slips, torque_slips
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import WHOLE, Starts, by_piece
 from gantrysim.identify.result import MODE, AxisFit
-from gantrysim.identify.sizes import times_words
+from gantrysim.identify.sizes import times_beside, times_words
 from gantrysim.machine.axis import Axis
 
 # Check of the log: its torque must be one that the drive can deliver.
@@ -44,8 +44,8 @@ def check_torque(axis: Axis, torque: Floats, ratio: float) -> None:
             f"the log's inertia is {times_words(ratio)} that of the table: torque in {' or '.join(slips)} read as N·m?"
         )
     raise NotIdentifiedError(
-        f"axis {axis.name}: its largest torque is {largest:.4g} N·m, {times_words(excess)} the drive's peak of "
-        f"{axis.peak_torque:.4g} N·m: must be at most {LARGEST_TORQUE:g} times; {hint}"
+        f"axis {axis.name}: its largest torque is {largest:.4g} N·m, {times_beside(excess, LARGEST_TORQUE)} the "
+        f"drive's peak of {axis.peak_torque:.4g} N·m: must be at most {LARGEST_TORQUE:g} times; {hint}"
     )
 
 
@@ -108,9 +108,9 @@ def check_encoder(
     if turns[worst] > most:
         time = worst * period
         raise NotIdentifiedError(
-            f"axis {axis.name}: its position jumps by {turns[worst]:.3g} {axis.unit} at {time:.4g} s of the log, the "
-            f"drive's peak torque moves it by {most:.3g} {axis.unit} in a sample: the encoder skips, or "
-            "samples are missing"
+            f"axis {axis.name}: its position jumps by {turns[worst]:.3g} {axis.unit} at {time:.4g} s of the log: "
+            f"must be at most {most:.3g} {axis.unit}, {JUMP:g} times what the drive's peak torque moves it in a sample "
+            f"and {_COUNTS:g} counts; the encoder skips, or samples are missing"
         )
 
 

@@ -14,7 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import WHOLE, Starts, gradient, smoothed
-from gantrysim.identify.sizes import number_words, times_words
+from gantrysim.identify.sizes import number_words, times_beside
 from gantrysim.machine.axis import Axis
 
 # Relation of the torque to the motion beside it: torque = J a + b v + Fc sign v + constant, low-passed.
@@ -171,8 +171,8 @@ def check_inertia(axis: Axis, ratio: float) -> None:
     if not ratio > 0 or 1 / UNUSABLE <= ratio <= UNUSABLE:
         return
     raise NotIdentifiedError(
-        f"axis {axis.name}: the log gives {times_words(ratio)} the inertia of the machine's table, must be "
-        f"{1 / UNUSABLE:g} to {UNUSABLE:g} times; {inertia_hint(axis, ratio)}"
+        f"axis {axis.name}: the log gives {times_beside(ratio, UNUSABLE, 1 / UNUSABLE)} the inertia of the machine's "
+        f"table, must be {1 / UNUSABLE:g} to {UNUSABLE:g} times; {inertia_hint(axis, ratio)}"
     )
 
 

@@ -129,7 +129,7 @@ def speed_answer(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row], fa
     limit = fastest.limit(good[0])
     tried = f"from {min(by_speed):g} to {max(by_speed):g} mm/s"
     if result.fastest is None:
-        nearest = min(good, key=criterion.value)
+        nearest = _nearest(good, criterion)
         return _nearest_sentence(study.job, tried, limit, speed_of(nearest), criterion.failure(nearest))
     if isinstance(criterion, JobCriterion) and criterion.scope.aspects != ASPECTS:
         return _answer_where_all_fail(study, good, tried, criterion.scope, result.fastest)
@@ -149,6 +149,11 @@ def speed_answer(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row], fa
         f"{study.programmed_speed:g} mm/s, is the fastest speed that keeps {limit}; {result.above:g} mm/s does not "
         f"({fastest.failure(by_speed[result.above])}){_again(result)}{remark}."
     )
+
+
+def _nearest(good: Sequence[Row], criterion: Criterion) -> Row:
+    """Return the run that comes nearest to the limits."""
+    return min(good, key=criterion.value)
 
 
 def _proposed_speed(good: Sequence[Row], fastest: float) -> float:
@@ -260,7 +265,8 @@ def _table(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) -> Table
     cells = []
     runs = {
         "fastest" if result.above else "fastest tried": result.fastest,
-        "next": result.above,
+        "next": None if result.fastest is None else result.above,
+        "nearest": speed_of(_nearest(good, criterion)) if result.fastest is None else None,
         "proposed": _slower_proposal(study, good, result),
         "programmed": study.programmed_speed,
         "slowest": min(by_speed),
