@@ -202,6 +202,10 @@ class Film(Closing):
         """
         if not 0 <= finite("time", time, "s") <= self.end:
             raise InputError(f"time = {time:g} s: must be from 0 s to the end of the run, {self.end:g} s")
+        return self._frame(time, speed, has_marks=self._flight_share(time, speed) == 1)
+
+    def _frame(self, time: float, speed: float | None, *, has_marks: bool) -> Picture:
+        """Return a frame with or without the marks of the verdict: its worst place, the needle's ways through glue."""
         width, height = self.size
         frame = np.empty((height, width, 3), np.uint8)
         # by rows: pixel by pixel takes ten times as long
@@ -210,8 +214,8 @@ class Film(Closing):
         for cell, renderer, run in zip(self.cells, self._renderers, self._runs, strict=True):
             cell.of(frame)[:] = renderer.frame(run.tick(time), share)
         for k, (cell, caption, renderer) in enumerate(zip(self.cells, self._captions, self._renderers, strict=True)):
-            ways = list(self._ways(k, time)) if share == 1 else []
-            caption.write(cell.of(frame), self._worst(caption, renderer, time) if share == 1 else None, ways)
+            ways = list(self._ways(k, time)) if has_marks else []
+            caption.write(cell.of(frame), self._worst(caption, renderer, time) if has_marks else None, ways)
         for cell, header in zip(self.cells, self._headers, strict=False):  # one run has none
             Cell(cell.left, cell.top - header.size[1], *header.size).of(frame)[:] = header.picture(time)
         frame[: self.panel.size[1]] = self.panel.picture(time, speed)
@@ -232,7 +236,9 @@ class Film(Closing):
 
     def end_card(self, speed: float | None = None) -> Picture:
         """Return what the film ends with for a second: the verdicts on its runs, (height, width, 3); speed as above."""
-        return end_card(self.frame(self.end, speed), self._runs, self._labels, self._verdicts)
+        # the label of the worst place would shine through the card's text
+        frame = self._frame(self.end, speed, has_marks=False)
+        return end_card(frame, self._runs, self._labels, self._verdicts)
 
     def _flight_share(self, time: float, speed: float | None) -> float:
         """Return the share of the flight to the bead at a time of the run, 0 to 1; a single picture shows the bead.

@@ -92,12 +92,16 @@ def test_the_worst_place_is_marked_once_the_run_has_come_to_it(part):
     with Film([Take(strict.built_machine, run, "strict", strict.bead)], size=SIZE) as film:
         (cell,) = film.cells
         before, after = (cell.of(film.frame(time)).astype(int) for time in (place.time - 0.01, place.time + 0.01))
+        card = cell.of(film.end_card()).astype(int)
         column, row = film._renderers[0].pixel_of(place.point)
     red = [np.abs(picture - rgb(FAULT)).max(axis=2) < 8 for picture in (before, after)]
     assert not red[0].any()
     rows, columns = np.nonzero(red[1])
     assert rows.size > 20
     assert np.hypot(rows - row, columns - column).min() < 12
+    # nor does it shine through the card at the end, whose own red is bright
+    faint = card[rows, columns]
+    assert np.median(faint[:, 0] - faint[:, 1]) < 8
     check = run.verdict.worst_check
     text = f"{check.quantity} {check.value:.1f} {check.unit}"
     assert shows(after.astype(np.uint8), text, film.panel.font.size, FAULT)

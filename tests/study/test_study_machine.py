@@ -294,7 +294,13 @@ def test_the_yield_is_given_above_and_below_the_median_of_a_factor(tolerance, sh
     (cases,) = study.rounds()
     rows = [{**dict(case.tags), **synthetic(case)} for case in cases]
     rows = [{**row, "status": OK, "contour_max_um": 50 * row["friction_x"]} for row in rows]
-    factor, coefficient, significant, *yields = study.report(rows).table.rows[0]
+    table = study.report(rows).table
+    assert [getattr(column, "head", column) for column in table.columns][:3] == [
+        "factor",
+        "rank coefficient",
+        "significant",
+    ]
+    factor, coefficient, significant, *yields = table.rows[0]
     assert (factor, significant) == ("friction of x", "yes")
     assert coefficient > 0.9
     assert yields == pytest.approx(shares, abs=5)
