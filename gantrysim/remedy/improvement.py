@@ -260,7 +260,7 @@ class Improvement(Shown):
         if self.verdict.contradiction:
             return "No lever is tried: the errors of the run are not known."
         if self.verdict.fault:
-            return f"{self.verdict.fault} The run ends in a fault: no lever is tried before that is repaired."
+            return "The run ends in a fault: no lever is tried before that is repaired."
         if self.before.burden == 0 and not self.combination:
             return f"nothing to change: the verdict is {self.verdict.state}."
         names = self.words_of(self.by_worst_value)

@@ -183,7 +183,8 @@ def write_improvement(improvement: Improvement, folder: Path) -> Path:
     """
     comparison = comparison_of(improvement)
     if comparison is None:
-        raise InputError(f"improve {improvement.base.name}: {improvement.sentence} There is no run to compare with")
+        reason = " ".join(filter(None, (improvement.verdict.fault, improvement.sentence)))
+        raise InputError(f"improve {improvement.base.name}: {reason} There is no run to compare with")
     title = f"What to change in {improvement.base.name}"
     sections = _sections(improvement, comparison)
     return write_sections(comparison, folder, title, sections)

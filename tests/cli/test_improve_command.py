@@ -80,6 +80,7 @@ def test_a_fault_is_told_and_writes_nothing(gantrysim_command, tmp_path):
     status, printed, _ = gantrysim_command("improve", file, "--apply", tmp_path / "better.toml")
     assert status == FAULT
     assert "no lever is tried before that is repaired" in " ".join(printed.split())
+    assert printed.count("Fault:") == 1
     assert not (tmp_path / "better.toml").exists()
 
 

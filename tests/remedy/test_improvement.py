@@ -122,8 +122,9 @@ def test_the_lever_that_lowers_the_worst_value_is_named_first():
 
 def test_a_run_that_is_not_judged_has_no_levers_tried():
     fault = Outcome(Verdict((), "x jammed."), 1.0, "x jammed.")
+    # the verdict, which stands beside it, names the fault
     assert result_of(fault, before=fault).sentence == (
-        "x jammed. The run ends in a fault: no lever is tried before that is repaired."
+        "The run ends in a fault: no lever is tried before that is repaired."
     )
 
 
