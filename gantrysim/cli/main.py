@@ -158,6 +158,8 @@ def main() -> None:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
+        # the name of an error's class, before the library's own words on a choice
+        text = text.replace("Value error, ", "")
         # of a group without its command, whose help has been printed, there is none
         warn(shortened_message(" ".join(text.splitlines())) or "a command is missing", "error")
         status = INPUT_ERROR
