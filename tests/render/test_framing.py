@@ -209,3 +209,27 @@ def test_runs_of_different_machines_have_no_framing_in_common():
         takes.append(Take(job.built_machine, job.follow()))
     assert _common_framing(takes, (640, 360)) is None
     assert _common_framing([takes[0], takes[0]], (640, 360)) is not None
+
+
+def test_runs_of_one_machine_are_all_in_their_framing():
+    jobs = [
+        Job.load("an225", {"program.start": [x, 0.0], "program.diameter": 30.0, "program.turns": 1})
+        for x in (-60.0, 60.0)
+    ]
+    takes = [Take(job.built_machine, job.follow()) for job in jobs]
+    for order in (takes, takes[::-1]):
+        points = _common_framing(order, (640, 360)).points
+        for take in takes:
+            laid = 1e-3 * take.run.nozzle[take.run.dispense]
+            assert points[:, 0].min() <= laid[:, 0].min() + 1e-3
+            assert points[:, 0].max() >= laid[:, 0].max() - 1e-3
+
+
+def test_a_bead_seen_from_near_is_lit_without_shadows():
+    job = Job.load("an225", {"program.turns": 1})
+    with Film([Take(job.built_machine, job.follow())], size=(320, 180)) as film:
+        (model,) = film.models
+        near, far = (film.frame(time, 1.0) for time in (film.end, 0.0))
+        model.light_castshadow[:] = False
+        np.testing.assert_array_equal(film.frame(film.end, 1.0), near)
+        assert not np.array_equal(film.frame(0.0, 1.0), far)
