@@ -326,6 +326,28 @@ def test_properties_without_effect_are_noted():
     assert Basic("print 5" + MOVES).notes[-1] == "prints 1 line: 5"
 
 
+# long and short names of one property, as the reference of the language pairs them
+SYNONYMS = """
+VelocityCruise VCruise, VelocityTranslation VTran, VelocityMax VMax, Acceleration Acc, AccelerationMax AMax,
+Deceleration Dec, DecelerationMax DMax, DecelerationStop DecStop, JerkMax JMax, ProfileType PrfType,
+SmoothFactor Smooth, Absolute Abs, PositionErrorMax PEMax, PESettle PositionErrorSettle, VelocityFactor VFac,
+AccelerationFactor AFac, JerkFactor JFac, PositionFactor PFac, VelocityOverride VOrd, VelocityOverspeed VOSpd,
+Enable En, PositionCommand PCmd, PositionFeedback PFb, PositionError PE, VelocityCommand VCmd, VelocityFeedback VFb
+"""
+
+
+@pytest.mark.parametrize("names", [pair.split() for pair in SYNONYMS.split(",")], ids=lambda names: names[0])
+def test_a_property_has_a_long_and_a_short_name(names):
+    def outcome(name):
+        try:
+            return str(Basic(f"{name} = 1{MOVES}").notes).lower()
+        except InputError as error:
+            return str(error).lower()
+
+    long, short = map(str.lower, names)
+    assert outcome(long).replace(long, short) == outcome(short)
+
+
 def test_a_group_may_be_declared_after_its_first_property():
     assert printed("vmax = 70\ncommon shared late as group Axnm = a2 Axnm = a1\nprint late.vmax, late") == ["70 late"]
     with pytest.raises(InputError, match=r"^line 2: group g2: must be g1; a program moves one group$"):
