@@ -81,6 +81,7 @@ def test_threads_read_their_own_texts():
         ("VR(9)", 0),
         ("SERVO_PERIOD", 1000),
         ("PROCNUMBER", 1),
+        ("PROC_STATUS", 1),
         ("SPEED AXIS(5)", 1),
         ("unset", 0),
     ],

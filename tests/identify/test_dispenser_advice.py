@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from gantrysim.glue.dispenser.dispenser import JET
 from gantrysim.identify.dispenser.advice import _dots, _ratios, _records, _scales, _settings, _weighings
 from gantrysim.identify.dispenser.measurements import DOTS, RECORD, WEIGHING, Experiment
 from gantrysim.identify.dispenser.model import parameters_of
@@ -45,6 +46,10 @@ def test_a_bound_is_a_share_of_a_value_or_of_its_scale_where_that_is_absent():
     fit = SimpleNamespace(parameters=parameters, x=np.array([0.3, -0.5, 1e-6]))
     bounds = {"consistency": 0.1, "yield": 0.2, "dead_time": 0.3}
     assert _scales(fit, bounds) == pytest.approx([0.1 / 2, 0.2 * 50 / 100, 0.3 * 0.02])
+
+
+def test_a_jet_whose_dots_are_equal_is_not_weighed_over_a_time():
+    assert _weighings(fit_of(JET, "pressure", PRESSED)) == []
 
 
 def test_settings_go_from_below_the_lowest_to_beyond_the_highest():
