@@ -18,6 +18,7 @@ tests=(  # each package is used by some of these
 "${PYTHON:-python3.11}" -m venv --clear .venv-minimum
 PATH="$PWD/.venv-minimum/bin:$PATH"
 export PIP_CONSTRAINT=constraints-minimum.txt PIP_DISABLE_PIP_VERSION_CHECK=1
-python -m pip install --quiet ".[$extras]" imageio pytest hypothesis
+# the client of the oldest starlette, with which its apps are tested, is made of httpx
+python -m pip install --quiet ".[$extras]" imageio pytest hypothesis httpx
 # old packages use what is deprecated in the newest of those that they bring along
 python -m pytest -q -p no:cacheprovider -W default::DeprecationWarning "${@:-${tests[@]}}"
