@@ -36,7 +36,8 @@ def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Fl
 def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
     """Values broadcast against each other and flattened, and their common shape of at least one dimension."""
     arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, float)) for value in values))
-    return [np.ascontiguousarray(array).ravel() for array in arrays], arrays[0].shape
+    # copies: an older NumPy warns where numba asks whether a broadcast array may be written to
+    return [array.flatten() for array in arrays], arrays[0].shape
 
 
 @jit

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job, Machine, simulate
+from gantrysim.job.content import content_digest
 from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.overrides import override
 
@@ -58,6 +59,13 @@ def test_a_relative_machine_is_found_and_written_as_an_absolute_path(rigid, tmp_
     assert Job.load("an225", machine=f"{tmp_path.name}/rigid.xml").machine == job.machine
     assert job.built_machine.name == "rigid"
     assert job.run().machine == "rigid"
+
+
+def test_the_digest_of_a_job_is_that_of_its_values_in_any_order():
+    values = {"name": "a", "servo": {"kp": 1.0, "kd": 2.0}}
+    turned = {"servo": {"kd": 2.0, "kp": 1.0}, "name": "a", "machine": "elsewhere"}
+    assert content_digest(values) == content_digest(turned)
+    assert content_digest(values) != content_digest({**values, "name": "b"})
 
 
 def test_the_longest_physics_step_reaches_the_run():

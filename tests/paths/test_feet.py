@@ -101,3 +101,10 @@ def test_the_search_of_a_whole_path_begins_at_the_nearest_chord_looked_at(chord)
     places = np.full(1, np.nan)
     find_starts(table, point, places)
     assert places == s[chord]
+
+
+@pytest.mark.parametrize("length", [20.0, 2e5])
+def test_the_legs_of_a_corner_have_their_own_directions_however_far_along_it_lies(length):
+    path = Chain([Line((0, 0, 0), (length, 0, 0)), Line((length, 0, 0), (length, 10, 0))])
+    assert path.legs.before == pytest.approx(np.array([[1, 0, 0]]), abs=1e-12)
+    assert path.legs.after == pytest.approx(np.array([[0, 1, 0]]), abs=1e-12)
