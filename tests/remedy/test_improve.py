@@ -115,7 +115,7 @@ def test_a_job_that_passes_needs_nothing():
 
 def test_a_run_that_ends_in_a_fault_has_no_levers_tried():
     result = improve(lines_job(SIDES, servo={"following_error_limit": 1e-4}))
-    assert "following error" in result.sentence
+    assert "following error" in result.verdict.fault
     assert "no lever is tried" in result.sentence
     assert result.trials == ()
     assert result.verdict.fault in str(result)
