@@ -27,7 +27,8 @@ _LONGEST = 10_000  # characters of any other attribute that is read
 _ABSOLUTE = re.compile(r"\s*[+]?((?:\d+(?:\.\d*)?|\.\d+)(e[+-]?\d+)?)(?:\s*(px|pt|pc|mm|cm|in))?\s*", re.IGNORECASE)
 _IN_PX = {"px": 1.0, "pt": 96 / 72, "pc": 16.0, "mm": 96 / 25.4, "cm": 960 / 25.4, "in": 96.0}
 _DIGITS = re.compile(r"[0-9.]+")
-_FUNCTION = re.compile(r"([a-z]+)\s*\(([^()]*)\)[\s,]*", re.IGNORECASE)
+# no longer a name than there is: on a long run of letters the time would grow with the square of its length
+_FUNCTION = re.compile(r"([a-z]{1,10})\s*\(([^()]*)\)[\s,]*", re.IGNORECASE)
 _ARGUMENT = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?(?:px|pt|pc|mm|cm|in|deg|grad|rad|turn)?", re.IGNORECASE)
 # numbers that each function of a transform takes
 _TAKEN = {
