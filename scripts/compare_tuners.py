@@ -35,12 +35,12 @@ from gantrysim.study.tuning import TuningStudy
 from gantrysim.study.tuning.candidates import Candidate
 from gantrysim.study.tuning.objective import RIPPLE, case_of, column, measure_together, trial_result
 from gantrysim.study.tuning.search import MarginEdge, box, candidate_at
-from gantrysim.study.tuning.space import SEARCHED
+from gantrysim.study.tuning.space import SEARCHED_GAINS
 
 JOBS = ("softmc-arc", "stage-outline", "fanuc-spiral")
 STARTS = {  # factors on the derived gains
     "derived": {},
-    "tenth": dict.fromkeys(SEARCHED, 0.1),
+    "tenth": dict.fromkeys(SEARCHED_GAINS, 0.1),
     "skewed": {"kp": 4.0, "ki": 0.2, "kd": 0.5, "velocity_ff": 0.0, "acceleration_ff": 2.0},
     "soft": {"kp": 0.3, "kd": 2.0},
     "stiff": {"kp": 3.0, "kd": 1.5},

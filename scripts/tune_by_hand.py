@@ -22,7 +22,7 @@ from gantrysim.base.quantity import UM
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
 from gantrysim.report.plots.style import sheet, thinned_line, turn_colours
 from gantrysim.servo.gains import GAIN_NAMES
-from gantrysim.servo.request import DERIVED
+from gantrysim.servo.request import DERIVED_VALUES
 from gantrysim.servo.stability.margins import Plant
 
 BY_HAND = {name: (name,) for name in GAIN_NAMES} | {"ff": ("velocity_ff", "acceleration_ff")}
@@ -100,7 +100,7 @@ for line in arguments.changes or iter(prompt, "q"):
 arguments.out.mkdir(parents=True, exist_ok=True)
 servo = trials[-1][1]
 settings = {name: getattr(job.servo, name) for name in ("period", "delay", "following_error_limit")}
-settings |= {each.name: list(servo.per_axis(each.name)) for each in DERIVED}
+settings |= {each.name: list(servo.per_axis(each.name)) for each in DERIVED_VALUES}
 (arguments.out / "tuned.toml").write_text(tomli_w.dumps({"servo": settings}))
 with sheet(9.0, 4.5) as figure:
     axes = figure.add_subplot(xlabel="distance along the path [mm]", ylabel="contour error, positive to the left [µm]")

@@ -16,11 +16,26 @@ MOST_PARAMETERS = 6  # self and cls not counted
 # pronouns and participles: none names a quantity of the field
 NO_NOUNS = {"own", "one", "found", "at", "each", "told", "kept", "left", "made", "rest", "more"}
 
+# superlatives and the like, which as a constant's whole name do not say of what
+WORDS_OF_QUANTITY = """
+all any apart calm deepest early empty enough equal even exact farthest fastest few fewest fine finer flat flattest
+furthest half hidden highest idle large largest least long longer longest lost lowest many missing mostly moving narrow
+narrower near nearer nearest nearly often plain quick reach rest room rough same sharpest short shorter shortest
+significant slow slower slowest smallest smooth steady steepest still straight sure unseen unstable useful whole wide
+wider widest worst
+"""
+
 # Exceptions, "file:name" with the reason. Commands of the terminal may have any number of parameters without one.
 NAMES_ALLOWED: dict[str, str] = {
     "render/film.py:at": "keyword of Film.save_picture that users type",
     "render/film.py:left": "side of a picture, beside its top",
     "render/strip.py:left": "side of the curves, beside right, above and bottom",
+    "compare/runs/differences.py:SAME": "a value of the column, beside BETTER and WORSE",
+    "controllers/softmc/basic/properties.py:IDLE": "the properties of a motion element without a motion",
+    "controllers/trio/basic/moves.py:IDLE": "MTYPE of an axis without a move",
+    "remedy/levers/program.py:SLOWER": "a lever, beside FASTER",
+    "render/colours.py:PLAIN": "a colour of the bead, by its name",
+    "results/colours.py:NEAR": "a colour of a row, beside GOOD and BAD",
 }
 PARAMETERS_ALLOWED: dict[str, str] = {
     "engine/batch.py:simulate_batch": "keywords that users type",
@@ -79,6 +94,10 @@ def bound_name(node):
     return None
 
 
+def is_quantifier(name):
+    return name is not None and name.isupper() and name.lstrip("_").lower() in WORDS_OF_QUANTITY.split()
+
+
 def lines_of(function):
     docstring = ast.get_docstring(function, clean=False)
     lines_of_docstring = docstring.count("\n") + 1 if docstring else 0
@@ -106,6 +125,8 @@ def breaches(source, file):
         name = bound_name(node)
         if name in NO_NOUNS and f"{file}:{name}" not in NAMES_ALLOWED:
             yield "names", node.lineno, name
+        if is_quantifier(name) and f"{file}:{name}" not in NAMES_ALLOWED:
+            yield "constants", node.lineno, name
         if is_parallel(node):
             yield "assignments", node.lineno, ast.unparse(node)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
@@ -203,6 +224,11 @@ BINDINGS = [
 @pytest.mark.parametrize("source", BINDINGS)
 def test_names_are_seen_however_they_are_bound(source):
     assert rules(source) == ["names"]
+
+
+def test_a_constant_says_of_what():
+    assert rules("_LONGEST = 5") == rules("class A:\n    FEWEST: int = 5") == ["constants"]
+    assert rules("_LONGEST_PATH = 5\nlongest = _LONGEST") == []
 
 
 def test_names_of_functions_and_uses_are_free():

@@ -12,10 +12,10 @@ from reprlib import Repr
 
 import numpy as np
 
-_WHOLE = 2.0**53  # up to which floats tell whole numbers apart
+_EXACT_INTEGERS = 2.0**53  # up to which floats tell whole numbers apart
 _LISTED_NAMES = 3  # names that are listed first
-_SIMILAR = 0.5  # ratio of similarity from which a name may be meant
-_LONGEST = 1900  # characters of a message
+_SIMILAR_NAME = 0.5  # ratio of similarity from which a name may be meant
+_MESSAGE_LENGTH = 1900  # characters of a message
 _shortened = Repr()
 _shortened.maxstring = _shortened.maxother = 80  # characters of a value or name in a message
 
@@ -39,7 +39,9 @@ class InputError(GantryError, ValueError):
 
 def shortened_message(text: str) -> str:
     """Return a message without its middle where it is too long: its begin has the place, its end the bound."""
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
+    return (
+        text if len(text) <= _MESSAGE_LENGTH else f"{text[: _MESSAGE_LENGTH // 2]} ... {text[-_MESSAGE_LENGTH // 2 :]}"
+    )
 
 
 class AxisError(InputError):
@@ -151,7 +153,7 @@ def space_point(name: str, value: Sequence[float], unit: str = "mm") -> tuple[fl
 
 def whole_number(name: str, value: float, bound: int) -> int:
     """Return `value` as an int, or raise InputError where it is no whole number or below `bound`."""
-    number = at_least(name, value, bound, most=_WHOLE)
+    number = at_least(name, value, bound, most=_EXACT_INTEGERS)
     if number != int(number):
         raise InputError(f"{name} = {number:g}: must be a whole number")
     return int(number)
@@ -212,7 +214,7 @@ def nearest(name: str, names: Iterable[str]) -> list[str]:
         whole = known.casefold()
         for spelling in dict.fromkeys((whole, whole.rpartition(".")[2])):
             spellings.setdefault(spelling, []).append(known)
-    close = get_close_matches(wrong, spellings, n=_LISTED_NAMES, cutoff=_SIMILAR)
+    close = get_close_matches(wrong, spellings, n=_LISTED_NAMES, cutoff=_SIMILAR_NAME)
     return list(dict.fromkeys(known for spelling in close for known in spellings[spelling]))[:_LISTED_NAMES]
 
 

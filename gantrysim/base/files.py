@@ -39,10 +39,10 @@ SWAP = ".gantrysim-complete"  # hidden folder of new files that are complete
 NEW = "new"
 READY = "ready"
 OLD = "old"
-ANY = ("*",)  # names of all files
-_HIDDEN = ".gantrysim-"  # prefix of all hidden names
+ANY_FILE = ("*",)  # names of all files
+_HIDDEN_PREFIX = ".gantrysim-"  # prefix of all hidden names
 _OF_HIDDEN = re.compile(rf"(?:{re.escape(PARTIAL)}[^\\/]*|{re.escape(SWAP)})(?:[\\/](?:{NEW}|{READY}|{OLD}))?[\\/]?")
-_DEEPEST = 8  # subfolders in one another; outputs have one
+_NESTED_FOLDERS = 8  # subfolders in one another; outputs have one
 _PATIENCE = 2.0  # of a reader, with a folder whose files are being replaced [s]
 _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
 
@@ -111,7 +111,7 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
 
 
 @contextmanager
-def held_folder(folder: Path, label: str, names: Collection[str] = ANY) -> Iterator[None]:
+def held_folder(folder: Path, label: str, names: Collection[str] = ANY_FILE) -> Iterator[None]:
     """Hold a folder against other commands that write to it, in the block; however a process ends, its hold ends.
 
     The folder is made where it is missing, and removed if the block leaves it empty. What a killed command has left in
@@ -145,7 +145,7 @@ def held_folder(folder: Path, label: str, names: Collection[str] = ANY) -> Itera
         yield
 
 
-def complete(folder: Path, label: str, names: Collection[str] = ANY) -> None:
+def complete(folder: Path, label: str, names: Collection[str] = ANY_FILE) -> None:
     """End what a killed command has left in a folder that is about to be written to; arguments as of `held`.
 
     Raises:
@@ -359,11 +359,11 @@ def _check_swap(folder: Path, names: Collection[str]) -> None:
             mode = path.lstat().st_mode
             if part not in (NEW, READY, OLD) or not (stat.S_ISDIR(mode) or (below and stat.S_ISREG(mode))):
                 raise _refused_folder(folder, f"holds {'/'.join((part, *below))!r:.60}, which no command has left")
-            if len(below) > _DEEPEST:
+            if len(below) > _NESTED_FOLDERS:
                 raise _refused_folder(folder, "holds folders nested too deeply")
             if stat.S_ISDIR(mode):
                 continue
-            if name.startswith(_HIDDEN) or not any(fnmatchcase(name, pattern) for pattern in names):
+            if name.startswith(_HIDDEN_PREFIX) or not any(fnmatchcase(name, pattern) for pattern in names):
                 raise _refused_folder(folder, f"names {name!r:.60}, which this command does not write")
             if not _has_real_parents(folder, name) or _is_folder(folder / name):
                 raise _refused_folder(folder, f"names {name!r:.60}, which is no file in {folder}/")

@@ -36,7 +36,7 @@ _PART = 1 << 20
 _SHOWN = 80  # characters of a wrong value
 _MANY_KEYS = 20  # keys of a table, which are not listed where the message says where all are
 _NAMED_PROBLEMS = 8  # problems of one file that are named,
-_LONGEST = 400  # and characters of these
+_KEYS_LENGTH = 400  # and characters of these
 _INTEGERS = 1 << 63
 Model = TypeVar("Model", bound="BaseModel")
 
@@ -249,7 +249,7 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
         problems.setdefault(where or text, text)
     texts = list(dict.fromkeys(problems.values()))
     named = 1
-    while named < min(len(texts), _NAMED_PROBLEMS) and len("; ".join(texts[: named + 1])) <= _LONGEST:
+    while named < min(len(texts), _NAMED_PROBLEMS) and len("; ".join(texts[: named + 1])) <= _KEYS_LENGTH:
         named += 1
     others = [f"and {len(texts) - named} more"] if len(texts) > named else []
     line = "; ".join([*texts[:named], *others])

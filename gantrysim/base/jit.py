@@ -43,14 +43,14 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 # rooms in which nothing is compiled, and of which compiled functions use nothing
 UNCOMPILED = frozenset(("cli", "compare", "exchange", "job", "live", "remedy", "study", "tables"))
 # what a disk must have left for a cache [bytes]
-_SPACE = 2**26
+_FREE_SPACE = 2**26
 # versions of the package, of numba and of its settings whose caches are kept
 _VERSIONS = 8
 # age at which a process' copy of the cache is taken for that of a killed process [s]
-_ABANDONED = 86400.0
+_ABANDONED_AGE = 86400.0
 _MANIFEST = "checksums"
 # settings of numba that do not decide what it compiles; joblib gives each worker its number of threads
-_INDIFFERENT = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")
+_INDIFFERENT_SETTINGS = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")
 _PACKAGE = Path(__file__).parents[1]
 
 _compiled: list[Any] = []
@@ -114,8 +114,8 @@ def cache_folder() -> Path:
         free = shutil.disk_usage(folder).free
     except OSError as error:
         raise InputError(f"folder of compiled functions {root}: {error.strerror}") from None
-    if free < _SPACE:
-        raise InputError(f"folder of compiled functions {root}: {free} bytes free on its disk, must be {_SPACE}")
+    if free < _FREE_SPACE:
+        raise InputError(f"folder of compiled functions {root}: {free} bytes free on its disk, must be {_FREE_SPACE}")
     return folder
 
 
@@ -135,7 +135,9 @@ def _version() -> str:
     """Return a hash of all that decides what is compiled, and where numba keeps it."""
     # numba's own keys tell processors of one kind apart
     settings = sorted(
-        (name, value) for name, value in os.environ.items() if name.startswith("NUMBA_") and name not in _INDIFFERENT
+        (name, value)
+        for name, value in os.environ.items()
+        if name.startswith("NUMBA_") and name not in _INDIFFERENT_SETTINGS
     )
     deciding = (source_hash(), str(_PACKAGE), numba.__version__, platform.machine(), settings)
     return hashlib.sha256(repr(deciding).encode()).hexdigest()[:16]
@@ -269,6 +271,6 @@ def _sweep(store: Path) -> None:
     """Remove caches of other versions but the last few, and what killed processes have left."""
     os.utime(store)
     versions = sorted(store.parent.iterdir(), key=lambda version: version.stat().st_mtime, reverse=True)
-    killed = [folder for folder in store.glob("process-*") if time.time() - folder.stat().st_mtime > _ABANDONED]
+    killed = [folder for folder in store.glob("process-*") if time.time() - folder.stat().st_mtime > _ABANDONED_AGE]
     for folder in [*versions[_VERSIONS:], *killed]:
         shutil.rmtree(folder, ignore_errors=True)

@@ -80,11 +80,11 @@ SHARE = Statistic("share", "share", "share of the mean square contour error", "s
 MEAN = Statistic("mean", "mean", "mean", "mean")
 STD = Statistic("std", "std", "standard deviation", "standard deviation of")
 MIN = Statistic("min", "min", "smallest", "smallest")
-HIGHEST = Statistic("max", "max", "largest", "largest")
+LARGEST_VALUE = Statistic("max", "max", "largest", "largest")
 
 SIZES = (RMS, MAX)  # of an error
 PARTS = (RMS, P95, MAX, SHARE)  # of a part of the error budget
-RANGE = (MEAN, STD, MIN, HIGHEST)
+RANGE = (MEAN, STD, MIN, LARGEST_VALUE)
 
 
 @dataclass(frozen=True)

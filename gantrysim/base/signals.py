@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-_GLANCE = 0.5  # between two checks that a parent is alive [s]
+_PARENT_INTERVAL = 0.5  # between two checks that a parent is alive [s]
 
 Handler = Callable[[int, FrameType | None], object]
 
@@ -104,7 +104,7 @@ def end_with(parent: int) -> None:
 
     def watch() -> None:
         while os.getppid() == parent:
-            time.sleep(_GLANCE)
+            time.sleep(_PARENT_INTERVAL)
         os._exit(1)
 
     threading.Thread(target=watch, name="parent", daemon=True).start()

@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from gantrysim.report.figures import Figures
 
 _LONG_RUN = "the run is long"
-_FIRST = 5_000  # setpoints that are run to see
+_TRIED_SETPOINTS = 5_000  # setpoints that are run to see
 # Whole time, with figures, plots and report, over the simulation's; measured on an225 with 1000 turns.
-_ALL = 6.0
+_TIME_OVER_SIMULATION = 6.0
 
 
 class Wanted(NamedTuple):
@@ -307,9 +307,9 @@ def computing_time(job: Job) -> float:
     Raises:
         InputError: as by `gantrysim.simulate`.
     """
-    first = job.setpoints.until(_FIRST)
+    first = job.setpoints.until(_TRIED_SETPOINTS)
     for _ in range(2):  # the first compiles
         start = perf_counter()
         run = simulate(job.built_machine, job.built_servo, first, physics_step=job.simulation.physics_step)
         spent = perf_counter() - start
-    return _ALL * spent / len(run.time) * job.setpoints.run_ticks
+    return _TIME_OVER_SIMULATION * spent / len(run.time) * job.setpoints.run_ticks

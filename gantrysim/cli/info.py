@@ -24,7 +24,7 @@ from gantrysim.job.programs import PROGRAMS, described_fields
 from gantrysim.job.settings import INTEGRAL_TIME, ServoSettings
 from gantrysim.machine.design.library import counts_of, encoder_names, motor_names, motor_of
 from gantrysim.machine.machine import Machine, builtin_models
-from gantrysim.servo.request import DERIVED
+from gantrysim.servo.request import DERIVED_VALUES
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.stability.margins import Plant
 
@@ -119,7 +119,9 @@ def gains_table(period: float = ServoSettings().period) -> Table:
     # the machine's own, or the same for all
     hidden = ("resolution", "torque_limit", "notch_width", "notch_depth")
     shown = [
-        g for g in DERIVED if g.name not in hidden and any(any(servo.per_axis(g.name)) for servo in servos.values())
+        g
+        for g in DERIVED_VALUES
+        if g.name not in hidden and any(any(servo.per_axis(g.name)) for servo in servos.values())
     ]
     units = ", ".join(f"{g.name} {g.unit}" for g in shown)
     table = _table(

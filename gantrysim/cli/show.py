@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 # of a run, in their order; those that a run does not have are left out of `-v`
 ASPECTS = ("verdict", "budget", "figures", "faults", "causes", "glue-causes", "scatter", "notes", "levers")
 
-_MANY = 4  # columns
+_PLAIN_COLUMNS = 4  # columns
 
 
 def show_run(
@@ -77,7 +77,7 @@ def show_run(
         if name == "notes":
             _show_chosen(summary["notes"])
         if not show_aspect(name, results, summary["sections"]) and aspects != ["all"]:
-            say(f"{name}: none, {_MISSING[name]}", wrap=True)
+            say(f"{name}: none, {_MISSING_FILES[name]}", wrap=True)
 
 
 def _show_chosen(notes: Sequence[str]) -> None:
@@ -89,7 +89,7 @@ def _show_chosen(notes: Sequence[str]) -> None:
             say(f"note: {note}", wrap=True)
 
 
-_MISSING = {
+_MISSING_FILES = {
     "faults": "the job has no deliberate faults",
     "causes": "gantrysim run --causes finds them",
     "glue-causes": "the glue passes, or gantrysim run --causes finds them",
@@ -188,7 +188,7 @@ def show_section(section: Mapping[str, Any]) -> None:
 def _show_table(heads: list[str], rows: list[list[str]], numeric: list[bool], caption: str) -> None:
     """Print a table; prose in its last column stands below it where the terminal is too narrow for it."""
     table = text_table(heads, rows, numeric, caption)
-    if fits(table) or len(heads) < _MANY or not is_prose_column(rows, len(heads) - 1):
+    if fits(table) or len(heads) < _PLAIN_COLUMNS or not is_prose_column(rows, len(heads) - 1):
         show(table)
         return
     show(text_table(heads[:-1], [row[:-1] for row in rows], numeric[:-1], caption))

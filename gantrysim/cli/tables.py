@@ -31,14 +31,15 @@ from gantrysim.servo.stability.margins import GAIN_MARGIN, NO_LOOP, PHASE_MARGIN
 _MB = 1e6
 _SHOWN_REST = 0.01  # time at rest with glue [s]; less is the begin of a bead
 
-LONGEST = 25  # lines of 80 columns
+TABLE_LINES = 25  # lines of 80 columns
 
 _STYLES = {PASS: "green", WARN: "yellow", FAIL: "bold red", UNJUDGED: ""}
 _LABEL = 9  # columns of "spoilt by"
 _PASTED = 8  # lines to paste; more are left to `gantrysim show FOLDER levers`
 _INDENT = "  "
-_CONTINUED = " \\"  # a line of a shell
-_BEGINNING = re.compile(r" \(|, (?![xyz] )")  # of a choice: without its reason, how to choose otherwise, and details
+_CONTINUED_LINE = " \\"  # a line of a shell
+# of a choice: without its reason, how to choose otherwise, and details
+_DETAILS_BEGIN = re.compile(r" \(|, (?![xyz] )")
 _COLUMNS = ("state", "row")  # before the text
 
 
@@ -200,7 +201,7 @@ def show_choice(notes: Sequence[str], folder: str) -> None:
     """
     for note in notes:
         if note.startswith(CHOSEN):
-            choices = [_BEGINNING.split(choice)[0] for choice in note.removeprefix(CHOSEN).split("; ")]
+            choices = [_DETAILS_BEGIN.split(choice)[0] for choice in note.removeprefix(CHOSEN).split("; ")]
             _show_rows([("chosen", f"{'; '.join(choices)}: gantrysim show {folder} notes")])
 
 
@@ -225,11 +226,11 @@ def show_change(changes: Mapping[str, Any], folder: str) -> None:
 def option_lines(options: Sequence[str]) -> Iterator[str]:
     """Yield options on lines of a shell, each but the last continued."""
     line = ""
-    width = terminal_width() - len(_INDENT) - len(_CONTINUED)
+    width = terminal_width() - len(_INDENT) - len(_CONTINUED_LINE)
     for word in options:
         option = word if word.startswith("--") else f"--{word}"
         if line and len(line) + 1 + len(option) > width:
-            yield f"{line}{_CONTINUED}"
+            yield f"{line}{_CONTINUED_LINE}"
             line = option
         else:
             line = f"{line} {option}".strip()

@@ -109,7 +109,7 @@ def tune(
     from gantrysim.exchange.gains import dialect, export_gains
     from gantrysim.job.job import Job
     from gantrysim.machine.tolerances import Tolerances
-    from gantrysim.study.tuning.space import SEARCHED
+    from gantrysim.study.tuning.space import SEARCHED_GAINS
     from gantrysim.study.tuning.study import TuningStudy
 
     loaded = Job.load(job, settings or (), model, allow_code=allow_code)
@@ -117,7 +117,7 @@ def tune(
     # refused before the search, not after
     if export is not None:
         export_gains(export, loaded.built_machine.axes, loaded.built_servo)
-        held = tuple(gain for gain in SEARCHED if gain not in dialect(export).carries)
+        held = tuple(gain for gain in SEARCHED_GAINS if gain not in dialect(export).carries)
     study = TuningStudy(
         loaded,
         law=law,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gantrysim.record.run_file import Fault
     from gantrysim.render.view.source import Playback
 
-_PLAIN = "plain"  # colour of the bead: `gantrysim.render.colours.PLAIN`, which takes long to import
+_PLAIN_COLOUR = "plain"  # colour of the bead: `gantrysim.render.colours.PLAIN`, which takes long to import
 
 
 def view(
@@ -61,9 +61,9 @@ def view(
         raise InputError(f"run {shown}: a saved run cannot be changed; --model and --set apply to live jobs only")
     check_display()
     if saved:
-        _replay(folder, camera, colour or _PLAIN, speed)
+        _replay(folder, camera, colour or _PLAIN_COLOUR, speed)
         return
-    fault = _live(Job.load(shown, settings or (), model, allow_code=allow_code), camera, colour or _PLAIN, speed)
+    fault = _live(Job.load(shown, settings or (), model, allow_code=allow_code), camera, colour or _PLAIN_COLOUR, speed)
     if fault is not None:
         warn(str(fault), "fault")
         raise typer.Exit(FAULT)
@@ -108,7 +108,7 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     )
     # the bead gets the rings of an ideal run, and the colours a scale that fits the run to come
     follower = job.follow()
-    run = follower if colour == _PLAIN else job.run()
+    run = follower if colour == _PLAIN_COLOUR else job.run()
     colour = chosen_colour(colour, [run])
     scale = scale_for(colour, [run], [job.bead])
     scene = Scene(job.built_machine, follower, job.bead, colour=colour, scale=scale)

@@ -25,8 +25,8 @@ from gantrysim.base.quantity import number_text
 from gantrysim.compare.compare_quantities import DIFFERENCE, SHIFT
 from gantrysim.compare.compare_quantities import ROTATION as ROTATION_ANGLE
 from gantrysim.compare.equal_times import (
-    APART,
     AS_WELL,
+    DISTINCT_SHIFTS,
     NOTHING,
     ROTATION,
     TIME,
@@ -49,17 +49,17 @@ DOUBTFUL_RESIDUAL = 0.1  # residual, of the run's own spread, from which an alig
 CLOCK = "clock"
 _SMALL_TURN = math.radians(1.0)  # up to which places on a path that is not turned are near
 
-_MOVING = 0.1  # of the highest speed, from which an instant is known by its place
-_STEADY = 0.02  # of the largest acceleration along the path, below which a speed is steady
-_LONG = 0.05  # of a window in which its ratio is taken [s]
+_MOVING_SPEED = 0.1  # of the highest speed, from which an instant is known by its place
+_STEADY_ACCELERATION = 0.02  # of the largest acceleration along the path, below which a speed is steady
+_RATIO_WINDOW = 0.05  # of a window in which its ratio is taken [s]
 _FEWEST_WINDOWS = 4
 _LARGEST_CLOCK = 2e-3  # rate by which a log's clock may be wrong; beyond, it is another speed
-_SAME = 5.0  # residuals across the path by which places may differ at equal times
+_SAME_PLACE = 5.0  # residuals across the path by which places may differ at equal times
 _LAG = 5e-3  # time by which a real axis may lag more or less than the simulated one [s]
 _NEARLY_ALL = 0.999  # of the samples, that are no further
-_FEWEST = 8  # samples in motion
+_MOVING_SAMPLES = 8  # samples in motion
 _WHERE = {"path": "at equal places of the path", "time": "at equal times"}
-_SMALLEST = 1e-6  # interval that is written, in its unit
+_WRITTEN_INTERVAL = 1e-6  # interval that is written, in its unit
 _LEAST_NOISE = 1e-5  # that is named [mm or deg]
 
 
@@ -169,7 +169,7 @@ def _aligned_by_place(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignmen
         estimates=estimates,
         timing=timing,
         noise=noise_of(link_positions(trace, run, by)[0]),
-        others=tuple(sorted(apart_shifts(as_good, timing.shift.value, APART * run.period))),
+        others=tuple(sorted(apart_shifts(as_good, timing.shift.value, DISTINCT_SHIFTS * run.period))),
     )
 
 
@@ -318,8 +318,8 @@ def timing_of(motion: Motion, across: float) -> Timing | None:
         motion: the instants of the run at its samples.
         across: rms of what is left across the path [mm or deg].
     """
-    moving = ~motion.still & (motion.speed > _MOVING * motion.speed.max())
-    if np.count_nonzero(moving) < _FEWEST:
+    moving = ~motion.still & (motion.speed > _MOVING_SPEED * motion.speed.max())
+    if np.count_nonzero(moving) < _MOVING_SAMPLES:
         return None
     time, instants, speed = (values[moving] for values in (motion.time, motion.instants, motion.speed))
     middle = float(np.average(instants, weights=speed**2))
@@ -330,7 +330,7 @@ def timing_of(motion: Motion, across: float) -> Timing | None:
     along = late - slopes[:, 0] @ [shift, rate]
     of_shift, of_rate = clustered_intervals(along[:, None], slopes).tolist()
     clock = Estimate(rate, of_rate)
-    allowed = max(_SAME * across, _LAG * float(np.median(speed)))
+    allowed = max(_SAME_PLACE * across, _LAG * float(np.median(speed)))
     kind = "speed"
     if abs(rate) <= _LARGEST_CLOCK and float(np.quantile(np.abs(along), _NEARLY_ALL)) <= allowed:
         kind = "clock" if clock.distinguished and abs(rate) > _ROUNDING else "shift"
@@ -347,16 +347,16 @@ def _steady_ratio(motion: Motion) -> Estimate | None:
     feed = ~motion.still & motion.dispense
     if not feed.any():
         return None
-    is_steady = np.abs(motion.acceleration) <= _STEADY * float(np.abs(motion.acceleration).max())
+    is_steady = np.abs(motion.acceleration) <= _STEADY_ACCELERATION * float(np.abs(motion.acceleration).max())
     is_steady &= feed & (motion.speed > 0.5 * motion.speed[feed].max())
     ratios = []
     for first, after in spans(is_steady):
         # by windows: within one stretch of the run a trace may stop, as at a joint of two pieces
-        windows = max(int((motion.instants[after - 1] - motion.instants[first]) / _LONG), 1)
+        windows = max(int((motion.instants[after - 1] - motion.instants[first]) / _RATIO_WINDOW), 1)
         for rows in np.array_split(np.arange(first, after), windows):
             time = motion.time[rows] - motion.time[rows].mean()
             instants = motion.instants[rows]
-            if rows.size >= _FEWEST and np.ptp(instants) > 0:
+            if rows.size >= _MOVING_SAMPLES and np.ptp(instants) > 0:
                 ratios.append(float(np.sum(time * instants) / np.sum(time**2)))
     if len(ratios) < _FEWEST_WINDOWS:
         return None
@@ -415,7 +415,7 @@ def _time_words(alignment: Alignment) -> str:
 def _plus_minus(interval: float, unit: str, factor: float) -> str:
     if not math.isfinite(interval):
         return "with no bound by the data"
-    return f"± {number_text(max(factor * interval, _SMALLEST), '.2g')} {unit}"
+    return f"± {number_text(max(factor * interval, _WRITTEN_INTERVAL), '.2g')} {unit}"
 
 
 def _words(name: str, estimate: Estimate, run: Run) -> str:

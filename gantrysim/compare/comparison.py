@@ -33,7 +33,7 @@ from gantrysim.record.run import Run
 #
 # The measured samples are never interpolated: the simulation, which is smooth, is taken at their instants.
 
-_UNEVEN = 0.01  # of a period, between samples of one rate
+_UNEVEN_PERIOD = 0.01  # of a period, between samples of one rate
 
 
 def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tuple[Run, Run]:
@@ -137,12 +137,12 @@ def _record(timed: Run, machine: Machine, columns: Mapping[str, Floats], nozzle:
 def evenly(time: Floats) -> bool:
     """Return whether samples have one rate."""
     steps = np.diff(time)
-    return bool(np.ptp(steps) <= _UNEVEN * np.median(steps))
+    return bool(np.ptp(steps) <= _UNEVEN_PERIOD * np.median(steps))
 
 
 # The part of a run that a measured trace covers.
 
-_WHOLE = 0.999  # of the dispensing time, from which a trace covers it all
+_COVERED_TIME = 0.999  # of the dispensing time, from which a trace covers it all
 
 
 def coverage(simulated: Run, run: Run, alignment: Alignment) -> list[str]:
@@ -151,7 +151,7 @@ def coverage(simulated: Run, run: Run, alignment: Alignment) -> list[str]:
     begin, end = simulated.time[[0, -1]].tolist()
     inside = (run.time > begin - run.period) & (run.time < end + run.period)
     covered = run.dispense[inside].sum() / run.dispense.sum()
-    if covered < _WHOLE:
+    if covered < _COVERED_TIME:
         notes.append(
             f"the trace covers {begin:.4g} to {end:.4g} s of the run, {100 * covered:.1f} % of the time for which the "
             "dispenser is on"
@@ -168,7 +168,7 @@ def coverage(simulated: Run, run: Run, alignment: Alignment) -> list[str]:
 PEAKS = 5  # of the spectrum that are named
 _SEGMENT = 1024  # samples of a segment of the spectrum
 NOTHING = 1e-6  # rms of an error, or of a peak of its spectrum, that is rounding [mm]
-_EXACT = 2e-5  # rms of a difference of an exact trace, from its instants [mm, deg or N·m]
+_EXACT_RMS = 2e-5  # rms of a difference of an exact trace, from its instants [mm, deg or N·m]
 _NOISES = 1.5  # deviations of the noise, within which a difference is noise
 _FEW_SAMPLES = 64  # samples below which there is no spectrum
 
@@ -334,9 +334,9 @@ class Comparison:
         """Whether every link, following error and torque is measured, and every difference is within the noise."""
         if self.not_compared or self.not_over_time:
             return False
-        allowed = max(_NOISES * math.sqrt(2) * self.alignment.noise, _EXACT)
+        allowed = max(_NOISES * math.sqrt(2) * self.alignment.noise, _EXACT_RMS)
         across = all(size.rms <= allowed for size in self.unexplained.values())
-        return across and all(row.is_noise or row.difference.rms < _EXACT for row in self.over_time)
+        return across and all(row.is_noise or row.difference.rms < _EXACT_RMS for row in self.over_time)
 
     @property
     def explained(self) -> Explained:

@@ -37,12 +37,12 @@ from gantrysim.record.run import Run
 #
 #     D(shift) = sum |a|^2 - (sum a b)^2 / sum |b|^2    by axis, without the second term where sum a b < 0
 
-_LONGEST = 100.0  # of a trace, in lengths of the run
-_SMOOTH = 15  # samples of a mean over which velocities are compared
+_TRACE_LENGTH = 100.0  # of a trace, in lengths of the run
+_MEAN_SAMPLES = 15  # samples of a mean over which velocities are compared
 _STANDSTILL = 1e-6  # covered sum of squares, of the largest, below which the run stands still
 _MOST_PLACES = 8  # places that are tried
-_POOR = 0.5  # least difference, of the trace's sum of squares, from which the run is scaled
-_NEARLY = 0.1  # of the trace's sum of squares, by which the difference at a place may exceed the least one
+_POOR_FIT = 0.5  # least difference, of the trace's sum of squares, from which the run is scaled
+_NEARLY_LEAST = 0.1  # of the trace's sum of squares, by which the difference at a place may exceed the least one
 
 
 class Place(NamedTuple):
@@ -55,8 +55,8 @@ class Place(NamedTuple):
 def check_duration(time: Floats, run: Run) -> None:
     """Raise InputError for a trace that is too short, or much longer than the run."""
     length = time[-1] - time[0]
-    least = 2 * _SMOOTH * run.period
-    most = _LONGEST * (run.time[-1] - run.time[0])
+    least = 2 * _MEAN_SAMPLES * run.period
+    most = _TRACE_LENGTH * (run.time[-1] - run.time[0])
     if not least <= length <= most:
         raise InputError(
             f"the trace lasts {length:.4g} s: must last {least:.4g} to {most:.4g} s beside a run of "
@@ -83,12 +83,12 @@ def places(time: Floats, measured: Floats, run: Run, simulated: Floats, turning:
     energy = float(np.sum(np.abs(trace_speed) ** 2))
     covered = np.array([_covered_motion(speed, lags, trace_speed.shape[1]) for speed in run_speed])
     difference = energy + np.sum(covered - 2 * likeness, axis=0)
-    if difference.min() > _POOR * energy:
+    if difference.min() > _POOR_FIT * energy:
         moving = covered > _STANDSTILL * covered.max()
         difference = energy - np.sum(np.maximum(likeness, 0.0) ** 2 * moving / np.where(moving, covered, 1.0), axis=0)
     peaks, _ = find_peaks(-difference)
     minima = np.union1d(peaks, [np.argmin(difference)])
-    near = minima[difference[minima] <= difference.min() + _NEARLY * energy]
+    near = minima[difference[minima] <= difference.min() + _NEARLY_LEAST * energy]
     best = near[np.argsort(difference[near], kind="stable")][:_MOST_PLACES]
     return [
         Place(
@@ -101,7 +101,7 @@ def places(time: Floats, measured: Floats, run: Run, simulated: Floats, turning:
 
 def _velocities(columns: list[Floats], turning: bool) -> NDArray[Any]:
     """Return the smoothed steps of positions, a row per axis, or one of complex numbers."""
-    smooth = partial(np.convolve, np.full(_SMOOTH, 1 / _SMOOTH), mode="same")
+    smooth = partial(np.convolve, np.full(_MEAN_SAMPLES, 1 / _MEAN_SAMPLES), mode="same")
     steps = np.array([smooth(np.diff(column)) for column in columns])
     return (steps[:1] + 1j * steps[1:2]) if turning else steps
 
@@ -114,13 +114,14 @@ def _covered_motion(speed: Floats, lags: Floats, count: int) -> Floats:
     return total[after] - total[first]
 
 
-_STEPS = 50
-_SETTLED = 1e-9  # change of the shift that ends the search, in servo periods
+_SEARCH_STEPS = 50
+_SETTLED_SHIFT = 1e-9  # change of the shift that ends the search, in servo periods
 AS_WELL = 1.1  # residual, of the best one, up to which another place fits as well
 NOTHING = 1e-5  # residual that is rounding [mm or deg]
-APART = 15  # servo periods by which the shifts of two places differ
+DISTINCT_SHIFTS = 15  # servo periods by which the shifts of two places differ
 _AS_LONG = 0.9  # overlap with the run, of the first place's, below which a place is none
-_EXACT = 0.005  # difference of encoder and motor up to which the motor is the encoder without its counts [mm or deg]
+# difference of encoder and motor up to which the motor is the encoder without its counts [mm or deg]
+_ENCODER_COUNTS = 0.005
 TIME = "time"  # names of estimates
 ROTATION = "rotation"
 
@@ -132,7 +133,7 @@ def link_positions(trace: Trace, run: Run, link: str) -> tuple[Floats, Floats, N
         raise InputError(f"{link} is not measured")
     columns = np.flatnonzero(~np.isnan(measured).any(axis=0))
     simulated = np.asarray(getattr(run, link))
-    if link == "encoder" and np.abs(simulated - run.motor).max() <= _EXACT:
+    if link == "encoder" and np.abs(simulated - run.motor).max() <= _ENCODER_COUNTS:
         simulated = np.asarray(run.motor)
     return measured[:, columns], simulated[:, columns], columns
 
@@ -170,7 +171,7 @@ def best_fit(
     whole = [fit for fit in fits if fit.overlap >= _AS_LONG * fits[0].overlap]
     best = min(whole, key=lambda fit: fit.residual)
     as_good = [fit.shift for fit in whole if fit.residual <= max(AS_WELL * best.residual, NOTHING)]
-    return best, tuple(sorted(apart_shifts(as_good, best.shift, APART * run.period)))
+    return best, tuple(sorted(apart_shifts(as_good, best.shift, DISTINCT_SHIFTS * run.period)))
 
 
 def apart_shifts(shifts: list[float], from_shift: float, least: float) -> list[float]:
@@ -264,7 +265,7 @@ class _TimeFit:
 
     def refine(self, names: list[str]) -> None:
         """Fit the values named."""
-        for _ in range(_STEPS):
+        for _ in range(_SEARCH_STEPS):
             residual, slopes = self.equations(names)
             if not names:
                 return
@@ -279,7 +280,7 @@ class _TimeFit:
                     self.turn += value
                 else:
                     self.offset[self._place(name)] += value
-            if abs(change) <= _SETTLED * self.run.period and np.abs(step).max() <= _SETTLED:
+            if abs(change) <= _SETTLED_SHIFT * self.run.period and np.abs(step).max() <= _SETTLED_SHIFT:
                 return
 
     def estimates(self, names: list[str]) -> dict[str, Estimate]:

@@ -11,7 +11,7 @@ from gantrysim.base.arrays import Floats
 
 _BLOCKS = 24  # of rows in their order, that count as independent
 _CONFIDENCE = 0.95
-_CLAIMED = 2.0  # intervals from zero: many values are judged, and errors of a model are not random
+_CLAIMED_INTERVALS = 2.0  # intervals from zero: many values are judged, and errors of a model are not random
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Estimate:
     @property
     def distinguished(self) -> bool:
         """Whether the data distinguish it from zero."""
-        return abs(self.value) > _CLAIMED * self.interval
+        return abs(self.value) > _CLAIMED_INTERVALS * self.interval
 
 
 def scales_of(slopes: Floats) -> Floats:

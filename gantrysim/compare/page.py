@@ -178,7 +178,7 @@ def _sections(comparison: Comparison, circle: Mapping[str, Mapping[str, Any]] | 
     )
 
 
-_SMALLEST = 1e-6  # of a difference that is not written as 0 [mm, deg or N·m]
+_WRITTEN_DIFFERENCE = 1e-6  # of a difference that is not written as 0 [mm, deg or N·m]
 AS_GOOD = 0.8  # difference, of that of the machine without friction, from which a trace does not tell them apart
 
 
@@ -257,7 +257,7 @@ def _wrong_size(row: AxisDifference) -> str:
 
 def thousandths(value: float) -> str:
     """Return a size in a thousandth of its unit, as text."""
-    return f"{1e3 * value:.3g}" if value > _SMALLEST else "0"
+    return f"{1e3 * value:.3g}" if value > _WRITTEN_DIFFERENCE else "0"
 
 
 def _named_links(comparison: Comparison) -> list[str]:

@@ -22,7 +22,7 @@ from gantrysim.compare.vertices import (
     CHORDS,
     FEWEST_CHORDS,
     NOISES,
-    SPARSE,
+    SPARSE_SAMPLES,
     Vertices,
     noise_of,
     starts,
@@ -33,9 +33,9 @@ Rows = NDArray[np.bool_]
 
 # The run as a curve, and the places of points along it.
 
-_FINE = 8  # points of the curve to a chord
+_CHORD_POINTS = 8  # points of the curve to a chord
 _WINDOW = 2.0  # chords around its expected place in which a point is looked for
-_STRAY = 0.05  # weight of a deviation from the expected place, of that of the distance
+_STRAY_WEIGHT = 0.05  # weight of a deviation from the expected place, of that of the distance
 _NEWTON = 3
 
 
@@ -52,7 +52,7 @@ class Curve:
         self.spline = CubicSpline(time, points, axis=0)
         self.rate = self.spline.derivative()
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        step = chord / _FINE
+        step = chord / _CHORD_POINTS
         # the first point in each step, and the last of all
         rows = np.union1d(np.unique(np.floor(length / step), return_index=True)[1], [len(points) - 1])
         self.row = rows.astype(np.float64)
@@ -69,7 +69,7 @@ class Curve:
         """Return arc lengths of the places nearest to points, (n, k), in a window around the expected ones, (n,)."""
         count = len(self.points) - 1
         middle = np.clip(np.searchsorted(self.length, expected) - 1, 0, count - 1)
-        reach = int(_WINDOW * _FINE)
+        reach = int(_WINDOW * _CHORD_POINTS)
         best = np.full(len(points), np.inf)
         place = np.array(expected)
         for offset in range(-reach, reach + 1):
@@ -83,7 +83,7 @@ class Curve:
         """Return the arc length of the place nearest to one point, (k,), in the same window."""
         count = len(self.points) - 1
         middle = int(np.searchsorted(self.length, expected)) - 1
-        reach = int(_WINDOW * _FINE)
+        reach = int(_WINDOW * _CHORD_POINTS)
         first = min(max(middle - reach, 0), count - 1)
         segments = slice(first, min(max(middle + reach, 0), count - 1) + 1)
         length, cost = self._on_segments(point, segments, np.array(expected))
@@ -99,7 +99,7 @@ class Curve:
         across = way - share[:, None] * along
         distance = _sums_of_products(across, across)
         length = self.length[segment] + share * self.step[segment]
-        return length, distance + _STRAY * (length - expected) ** 2
+        return length, distance + _STRAY_WEIGHT * (length - expected) ** 2
 
     def instants(self, length: Floats) -> Floats:
         """Return the times at arc lengths, (n,) [s]."""
@@ -110,7 +110,7 @@ class Curve:
         for _ in range(_NEWTON):
             rate = self.rate(instants)
             square = np.sum(rate**2, axis=1)
-            moving = square > (_SLOW * self.fastest) ** 2
+            moving = square > (_STANDSTILL_SPEED * self.fastest) ** 2
             step = np.sum((points - self.spline(instants)) * rate, axis=1) / np.where(moving, square, 1.0)
             largest = self.chord / np.maximum(np.sqrt(square), 1e-12)
             instants = instants + np.where(moving, np.clip(step, -largest, largest), 0.0)
@@ -140,12 +140,12 @@ def _tracked(curve: Curve, points: Floats, start: float, chord: float) -> Floats
 
 # Offset and turn, judged at equal places.
 
-_SLOW = 0.02  # of the highest speed, below which an axis stands still
-_STILL = 0.02  # time for which it does [s]
-_ROUNDS = 30
+_STANDSTILL_SPEED = 0.02  # of the highest speed, below which an axis stands still
+_STANDSTILL_TIME = 0.02  # time for which it does [s]
+_SEARCH_ROUNDS = 30
 _LARGEST_STEP = 10.0  # of an offset, in lengths of the run, beyond which a trace has no place on it
-_SETTLED = 1e-8  # change of an offset that ends the search [mm or deg]
-_OUTSIDE = 5.0  # residuals beyond which a sample past an end of the run is no part of it
+_SETTLED_OFFSET = 1e-8  # change of an offset that ends the search [mm or deg]
+_OUTSIDE_RESIDUALS = 5.0  # residuals beyond which a sample past an end of the run is no part of it
 _SYSTEMATIC = 0.01  # of the residual, that no average takes away
 _LEAST_EFFECT = 2e-5  # rms effect on positions, below which a value is not known [mm or deg]
 
@@ -181,11 +181,11 @@ class _Rest(NamedTuple):
 def _rests(time: Floats, points: Floats, noise: float) -> list[_Rest]:
     """Return the standstills of a trace, each of at least 20 ms."""
     period = float(np.median(np.diff(time)))
-    reach = max(1, math.ceil(_STILL / period))
+    reach = max(1, math.ceil(_STANDSTILL_TIME / period))
     if len(points) <= 2 * reach:
         return []
     way = np.linalg.norm(points[reach:] - points[:-reach], axis=1)
-    slow = way < max(_SLOW * float(way.max()), NOISES * noise)
+    slow = way < max(_STANDSTILL_SPEED * float(way.max()), NOISES * noise)
     # a stretch of n slow ways lies over n + reach rows
     return [_Rest(int(first), int(after) - 1 + reach) for first, after in spans(slow)]
 
@@ -251,7 +251,7 @@ class _Fit:
         inside = np.clip(self.instants, self.curve.time[0], self.curve.time[-1])
         away = np.linalg.norm(points - self.curve.spline(inside), axis=1)
         at_end = (self.length <= self.curve.length[0]) | (self.length >= self.curve.length[-1])
-        past = at_end & ~self.still & (away > _OUTSIDE * max(float(np.median(away)), 1e-3 * self.curve.chord))
+        past = at_end & ~self.still & (away > _OUTSIDE_RESIDUALS * max(float(np.median(away)), 1e-3 * self.curve.chord))
         self.covered = ~past & (self.instants == inside)
 
     def _paired_rests(self) -> list[_Paired]:
@@ -289,7 +289,7 @@ class _Fit:
         slopes = np.stack(columns, axis=2) if columns else np.zeros((*residual.shape, 0))
         rate = _turned(self.curve.rate(instants), self.turn)
         speed = np.linalg.norm(rate, axis=1)
-        moving = ~self.still[rows] & (speed > _SLOW * self.curve.fastest)
+        moving = ~self.still[rows] & (speed > _STANDSTILL_SPEED * self.curve.fastest)
         tangent = np.where(moving, 1.0, 0.0)[:, None] * rate / np.maximum(speed, 1e-12)[:, None]
         residual = residual - tangent * np.sum(tangent * residual, axis=1)[:, None]
         slopes = slopes - tangent[:, :, None] * np.einsum("nk,nkp->np", tangent, slopes)[:, None, :]
@@ -297,7 +297,7 @@ class _Fit:
 
     def refine(self) -> None:
         """Fit offset and turn, and the place of every sample with them."""
-        for number in range(_ROUNDS):
+        for number in range(_SEARCH_ROUNDS):
             self.place(search=number < 4)
             residual, slopes, _ = self.equations()
             if not slopes.shape[2]:
@@ -312,7 +312,7 @@ class _Fit:
             if self.free_turn:
                 self.turn += steps.pop()
             self.offset[self.free_offsets] += steps
-            if np.abs(step).max() <= _SETTLED and number >= 4:
+            if np.abs(step).max() <= _SETTLED_OFFSET and number >= 4:
                 break
         self.place(search=False)
 
@@ -376,7 +376,11 @@ def laid_on_run(
     chord = max(way / CHORDS, NOISES * noise)
     steps = np.linalg.norm(np.diff(measured, axis=0), axis=1)
     extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
-    if not way > 0 or float(np.quantile(steps, 0.95)) > max(SPARSE * extent, 2 * chord) or measured.shape[1] < 2:
+    if (
+        not way > 0
+        or float(np.quantile(steps, 0.95)) > max(SPARSE_SAMPLES * extent, 2 * chord)
+        or measured.shape[1] < 2
+    ):
         return []
     curve = Curve(run_time, positions, chord)
     ours = vertices(measured, chord)

@@ -20,7 +20,7 @@ from gantrysim.record.run import Run
 
 _MUCH_BETTER = 0.2  # residual with other axes, of that without, from which these are the ones
 _MOST_SAMPLES = 0.5  # share of a trace within the run, from which other axes are believed
-_MOSTLY = 0.5  # residual with scale and clock, of that without, below which these are named
+_EXPLAINED_RESIDUAL = 0.5  # residual with scale and clock, of that without, below which these are named
 _NAMED = 0.25  # effect of a scale or clock, of the residual, from which it is named
 _SAMPLES = 500  # of a trace with which other axes are tried
 _TOO_WIDE = 2.0  # span of a trace, of the run's, from which its unit must be another
@@ -185,7 +185,7 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
     fitted = np.linalg.lstsq(matrix, residual.ravel(), rcond=None)[0]
     before = float(np.sqrt(np.mean(residual**2)))
     after = float(np.sqrt(np.mean((residual.ravel() - matrix @ fitted) ** 2)))
-    if not after < _MOSTLY * before:
+    if not after < _EXPLAINED_RESIDUAL * before:
         return []
     effects = np.sqrt(np.mean((matrix * fitted) ** 2, axis=0))
     notes = []

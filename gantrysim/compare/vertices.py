@@ -15,9 +15,9 @@ CHORDS = 2000  # of a run, about
 NOISES = 10.0  # deviations of the noise that a chord is long
 FEWEST_CHORDS = 8
 _MOST_PLACES = 6  # places that are tried
-_NEARLY = 0.1  # of the trace's sum of squares, by which the difference at a place may exceed the least one
-_APART = 10  # chords by which two places differ
-SPARSE = 0.02  # distance of samples, of the run's extent, beyond which places between them are not known
+_NEARLY_LEAST = 0.1  # of the trace's sum of squares, by which the difference at a place may exceed the least one
+_DISTINCT_CHORDS = 10  # chords by which two places differ
+SPARSE_SAMPLES = 0.02  # distance of samples, of the run's extent, beyond which places between them are not known
 
 
 class Vertices(NamedTuple):
@@ -75,9 +75,9 @@ def starts(measured: Vertices, simulated: Vertices, turning: bool) -> list[tuple
     count = ours.shape[1]
     covered = np.clip(np.minimum(lags + count, theirs.shape[1]) - np.maximum(lags, 0), 0, None)
     difference = count + covered - 2 * likeness.sum(axis=0)
-    peaks, _ = find_peaks(-difference, distance=_APART)
+    peaks, _ = find_peaks(-difference, distance=_DISTINCT_CHORDS)
     minima = np.union1d(peaks, [int(np.argmin(difference))])
-    near = minima[difference[minima] <= difference.min() + _NEARLY * count]
+    near = minima[difference[minima] <= difference.min() + _NEARLY_LEAST * count]
     best = near[np.argsort(difference[near], kind="stable")][:_MOST_PLACES]
     return [(int(lags[k]), float(np.angle(products[0, k])) if turning else 0.0) for k in best.tolist()]
 

@@ -28,7 +28,7 @@ _SPINDLE = "spindle"
 _SPEED = "speed"  # the spindle, off at S0
 _REVERSE = "reverse"  # the spindle by M4
 _STOPS = "M5"
-_STANDS = "S0"
+_STANDSTILL = "S0"
 _SUCKS = "M4"
 _FAN = 106
 _BACKWARDS = 4
@@ -211,7 +211,7 @@ class Outputs:
                 self._set(on, pin, f"{pin} S{word:g}", word != 0)
         if _SPINDLE in self._met:
             runs = self._turns and self._speed != 0
-            self._set(on, _SPEED, self._turns if runs else _STANDS if self._turns else _STOPS, bool(runs))
+            self._set(on, _SPEED, self._turns if runs else _STANDSTILL if self._turns else _STOPS, bool(runs))
         self._enter(on)
 
     def set_line(self, name: str, *, opens: bool) -> None:
@@ -242,7 +242,7 @@ class Outputs:
             self._turns = name if opens else ""
             self._set(on, _REVERSE, name, code == _BACKWARDS)
         elif code == _FAN and speed == 0:
-            name = f"{name} {_STANDS}"
+            name = f"{name} {_STANDSTILL}"
             opens = False
         self._set(on, output, name, opens)
 
@@ -349,7 +349,7 @@ class Valve:
         for on, off in self.others:
             # the S0 of a spindle or a fan is no code of its own
             named = {
-                name: [code for code in codes if _STANDS not in code or code.startswith(f"M{_PIN}")]
+                name: [code for code in codes if _STANDSTILL not in code or code.startswith(f"M{_PIN}")]
                 for name, codes in (("on", on), ("off", off))
             }
             table = ", ".join(f"{name} = {json.dumps(codes)}" for name, codes in named.items() if codes)

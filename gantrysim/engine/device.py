@@ -32,7 +32,7 @@ from gantrysim.engine.places import LoopPlaces
 from gantrysim.machine.row import LAW, LOG_AXIS, LOG_TICK, POINTS, ROW, Log
 from gantrysim.servo.gains import GAIN_NAMES, Gains
 
-ROOM = 4e9  # for the logs of the simulations that are stepped together [bytes]
+LOG_ROOM = 4e9  # for the logs of the simulations that are stepped together [bytes]
 
 with extra("cuda", 'device "cuda"'):
     from numba import cuda
@@ -261,7 +261,7 @@ class DevicePlaces(LoopPlaces):
         for bodies, group in groups.items():
             run = self.runs[group[0]]
             size = (len(run.simulation.log.tick)) * (LOG_TICK.itemsize + run.simulation.servo.axes * LOG_AXIS.itemsize)
-            together = max(int(ROOM // max(size, 1)), 1)
+            together = max(int(LOG_ROOM // max(size, 1)), 1)
             for first in range(0, len(group), together):
                 self._step_group(bodies, group[first : first + together], steps)
 

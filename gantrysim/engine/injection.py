@@ -22,7 +22,7 @@ from gantrysim.servo.servo import Servo
 
 _GAIN = 0  # columns of the drives
 _BUS = 3
-_OFF = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
+_CONSTRAINTS_OFF = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
 
 
 class Injection(NamedTuple):
@@ -112,7 +112,7 @@ def faulted_models(
         InputError: the machine's MJCF disables dry friction.
     """
     changing = [(fault, *fault.acting(period)) for fault in faults if fault.in_model and fault.acts]
-    if changing and plain.opt.disableflags & _OFF:
+    if changing and plain.opt.disableflags & _CONSTRAINTS_OFF:
         raise InputError(f"fault {changing[0][0].kind}: the MJCF of machine {machine.name} disables dry friction")
     models = []
     for edge in sorted({edge for _, begin, end in changing for edge in (begin, end) if edge < NEVER}):

@@ -44,15 +44,15 @@ _FORCE = 2.0**10  # [N]
 # The check: random states, and the largest difference to MuJoCo's step relative to the largest term.
 _STATES = 2
 _ROUNDING = 1e-11
-_FASTEST = 2.0  # of an axis without a limit [m/s]
-_FARTHEST = 1e3  # of such an axis [mm]
+_FASTEST_SPEED = 2.0  # of an axis without a limit [m/s]
+_FARTHEST_POSITION = 1e3  # of such an axis [mm]
 
 # other parameters of MuJoCo's dcmotor that must be 0: of temperature and slew rate, and gains of a controller
 _UNKNOWN_DYNAMICS = (2, 7)
 _UNKNOWN_GAINS = (4, 5, 6)
 _POLES = 1  # in biasprm
 _PHASE = 2
-_KEPT = 64  # models of which the linear machine is remembered
+_REMEMBERED_MODELS = 64  # models of which the linear machine is remembered
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class Linear:
             yield name, axes, slots[axes]
 
 
-@lru_cache(_KEPT)
+@lru_cache(_REMEMBERED_MODELS)
 def linear_machine(machine: Machine, model: mujoco.MjModel) -> Linear | None:
     """Return a machine for the compiled loop; None where MuJoCo's step differs from it by more than rounding.
 
@@ -249,7 +249,10 @@ def agrees(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData, linear:
     ours, theirs = np.zeros(2, STATE)
     step: Any = move
     joints = model.jnt_dofadr[driven_joints(model)]
-    low, high = np.array([axis.travel for axis in machine.plain_axes]).clip(-_FARTHEST, _FARTHEST).T / PER_SI["mm"]
+    low, high = (
+        np.array([axis.travel for axis in machine.plain_axes]).clip(-_FARTHEST_POSITION, _FARTHEST_POSITION).T
+        / PER_SI["mm"]
+    )
     fastest = np.array([axis.speed_limit / PER_SI[axis.unit] for axis in machine.plain_axes])
     peak = np.array([axis.peak_torque for axis in machine.plain_axes])
     for _ in range(_STATES):
@@ -258,7 +261,7 @@ def agrees(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData, linear:
         # anywhere on the axes: a spring may begin to act away from the middle
         data.qpos[joints] = random.uniform(low, high)
         data.qvel[:] = 1e-2 * random.standard_normal(model.nv)
-        data.qvel[joints] = random.uniform(-1.5, 1.5, model.nactuator) * np.minimum(fastest, _FASTEST)
+        data.qvel[joints] = random.uniform(-1.5, 1.5, model.nactuator) * np.minimum(fastest, _FASTEST_SPEED)
         data.ctrl[:] = random.uniform(-2, 2, model.nactuator) * np.where(np.isfinite(peak), peak, 1.0)
         data.qfrc_applied[joints] = random.standard_normal(model.nactuator)
         data.act[:] = random.standard_normal(model.na)

@@ -36,12 +36,12 @@ from gantrysim.engine.linear import (
 from gantrysim.machine.compiling import scratch_data
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import springs_have_axes
-from gantrysim.machine.perturbation import FACTORS, Perturbation
+from gantrysim.machine.perturbation import VARIED_FACTORS, Perturbation
 
-_KEPT = 16  # machines of which the readings are remembered
+_REMEMBERED_MACHINES = 16  # machines of which the readings are remembered
 # by which effects are read: a difference of 1, so that an effect is the difference of two readings
 _PAYLOAD = 1.0  # [kg]
-_FACTOR = 2.0
+_READ_FACTOR = 2.0
 
 
 def linear_of(machine: Machine, timestep: float, voltage: bool) -> Linear | None:
@@ -90,9 +90,9 @@ class Family:
         """Return the machine with perturbations, none of which moves its home."""
         names = self.machine.axis_names
         payload = sum(perturbation.payload for perturbation in perturbations)
-        factors = {name: np.ones(len(names)) for name in FACTORS}
+        factors = {name: np.ones(len(names)) for name in VARIED_FACTORS}
         for perturbation in perturbations:
-            for name in FACTORS:
+            for name in VARIED_FACTORS:
                 factors[name] *= perturbation.per_axis(name, names)
         of_springs = len(self.sums) - 2 - len(names)
         stiffness = factors["stiffness"][:of_springs]
@@ -151,7 +151,7 @@ def _fill(plant: Any, sizes: Floats, sums: Floats, passive: Floats) -> None:
         plant.passive_at_rest[line] = still
 
 
-@lru_cache(_KEPT)
+@lru_cache(_REMEMBERED_MACHINES)
 def family_of(machine: Machine, timestep: float, voltage: bool) -> Family | None:
     """Return a machine's perturbations for the compiled loop; None where they are not linear, or MuJoCo's step is not.
 
@@ -191,8 +191,8 @@ def family_of(machine: Machine, timestep: float, voltage: bool) -> Family | None
 def _read_perturbations(machine: Machine) -> list[Perturbation]:
     """Return the perturbations of whose effects the sums consist."""
     axes = len(machine.plain_axes)
-    of_axes = [tuple(np.where(np.arange(axes) == a, _FACTOR, 1.0).tolist()) for a in range(axes)]
-    springs = of_axes if springs_have_axes(machine.layout) else [_FACTOR]
+    of_axes = [tuple(np.where(np.arange(axes) == a, _READ_FACTOR, 1.0).tolist()) for a in range(axes)]
+    springs = of_axes if springs_have_axes(machine.layout) else [_READ_FACTOR]
     return [
         Perturbation(payload=_PAYLOAD),
         *(Perturbation(viscous=factors) for factors in of_axes),

@@ -36,7 +36,7 @@ from gantrysim.servo.servo import Servo
 # The start of a run: the machine's position, and the servo's row with its parameters, before it is armed.
 
 
-_NEAR = 1e-3  # time over which a velocity is a difference of positions [s]
+_VELOCITY_TIME = 1e-3  # time over which a velocity is a difference of positions [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +74,10 @@ class Start:
 
     def _qvel(self, machine: Machine) -> Floats:
         """Return MuJoCo's qvel for the velocities, (nv,)."""
-        ahead, behind = (machine.to_qpos(self.position + time * self.velocity) for time in (_NEAR, -_NEAR))
-        return (ahead - behind) / (2 * _NEAR)
+        ahead, behind = (
+            machine.to_qpos(self.position + time * self.velocity) for time in (_VELOCITY_TIME, -_VELOCITY_TIME)
+        )
+        return (ahead - behind) / (2 * _VELOCITY_TIME)
 
 
 def start_of(simulation: Simulation) -> tuple[Floats, Floats]:

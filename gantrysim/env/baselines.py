@@ -45,8 +45,9 @@ def width_feedback(env: BeadWidthEnv, gain: float) -> Policy:
 def slow_at_reversals(env: SpeedOverrideEnv, speed: float) -> Policy:
     """Return a speed schedule: slow where an axis reverses, where friction throws the nozzle off the path.
 
-    From `_BEFORE` ahead of a reversal until `_AFTER` behind it the speed wanted is the slow one, ahead of that
-    sqrt(speed² + 2 a d) with a share a of the acceleration and the distance d, elsewhere `_TOP` times the program's.
+    From `_AHEAD_OF_REVERSAL` ahead of a reversal until `_BEHIND_REVERSAL` behind it the speed wanted is the slow one,
+    ahead of that sqrt(speed² + 2 a d) with a share a of the acceleration and the distance d, elsewhere `_TOP_OVERRIDE`
+    times the program's.
 
     Args:
         env: its environment.
@@ -56,7 +57,7 @@ def slow_at_reversals(env: SpeedOverrideEnv, speed: float) -> Policy:
     names = env.observation_names
     low = math.log(settings.slowest)
     high = math.log(settings.fastest)
-    braking = 2 * _BRAKING * settings.acceleration
+    braking = 2 * _BRAKING_SHARE * settings.acceleration
 
     def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:
         seen = dict(zip(names, observation.tolist(), strict=True))
@@ -64,11 +65,11 @@ def slow_at_reversals(env: SpeedOverrideEnv, speed: float) -> Policy:
         far = 10 * seen["to_reversal"]
         ahead = near if near < 1 else far
         moves_on = 100 * seen["speed"] * settings.decision_interval  # until the next decision
-        ahead = math.inf if far >= 10 else max(ahead - _BEFORE - moves_on, 0.0)
+        ahead = math.inf if far >= 10 else max(ahead - _AHEAD_OF_REVERSAL - moves_on, 0.0)
         # from which it can brake to the slow speed until the reversal
         fastest = math.sqrt(speed**2 + braking * ahead)
-        wanted = speed if 10 * seen["since_reversal"] <= _AFTER else fastest
-        override = np.clip(math.log(min(wanted / (100 * seen["program_speed"]), _TOP)), low, high)
+        wanted = speed if 10 * seen["since_reversal"] <= _BEHIND_REVERSAL else fastest
+        override = np.clip(math.log(min(wanted / (100 * seen["program_speed"]), _TOP_OVERRIDE)), low, high)
         present = low + 0.5 * (seen["override"] + 1) * (high - low)
         return np.clip([(override - present) / settings.step], -1.0, 1.0).astype(np.float32)
 
@@ -132,7 +133,7 @@ def _stiffest(sensitivity: SensitivityTable, payloads: NDArray[np.float64]) -> N
 
     Their kp is the largest that keeps the limit, but no larger than for a smaller payload; kd is the least with it.
     """
-    steps = np.linspace(-1.0, 1.0, 2 * _STEPS + 1).tolist()
+    steps = np.linspace(-1.0, 1.0, 2 * _GAIN_STEPS + 1).tolist()
     stiffest = []
     pairs = itertools.product(steps[::-1], steps)
     kp, kd = next(pairs)
@@ -145,11 +146,11 @@ def _stiffest(sensitivity: SensitivityTable, payloads: NDArray[np.float64]) -> N
     return np.array(stiffest)
 
 
-_STEPS = 16  # of gains tried, per range
-_BEFORE = 0.3  # where it moves slowly, ahead of a reversal [mm]
-_AFTER = 1.0  # the same behind it: friction has reversed by then [mm]
-_BRAKING = 0.7  # share of the acceleration
-_TOP = 1.5  # override between reversals
+_GAIN_STEPS = 16  # of gains tried, per range
+_AHEAD_OF_REVERSAL = 0.3  # where it moves slowly, ahead of a reversal [mm]
+_BEHIND_REVERSAL = 1.0  # the same behind it: friction has reversed by then [mm]
+_BRAKING_SHARE = 0.7  # share of the acceleration
+_TOP_OVERRIDE = 1.5  # override between reversals
 
 CLASSICAL: dict[str, Callable[[Any, float], Policy]] = {
     "BeadWidth": width_feedback,

@@ -21,7 +21,7 @@ from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.glue import BEAD, LAYING, PIECE, PIECES, SIGHT, WIDTHS, Camera, LaidBead, lay_at_places
 from gantrysim.env.look_ahead import LimitedSpeed, PathsAhead, Rows, ahead_entries
-from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
+from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE_VALUES, RandomValue
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
@@ -34,18 +34,22 @@ from gantrysim.record.run import Run
 
 # of the glue and its needle
 GLUE = {
-    "viscosity": RandomValue(1.0, (0.7, 1.4), (1.4, 2.0), POSITIVE, "1", "viscosity over the nominal one at the start"),
-    "warming": RandomValue(1.0, (0.6, 1.6), (1.6, 2.2), POSITIVE, "1", "factor on it after a long time"),
-    "warming_time": RandomValue(5.0, (2.0, 8.0), (1.0, 2.0), POSITIVE, "s", "time constant of this change"),
+    "viscosity": RandomValue(
+        1.0, (0.7, 1.4), (1.4, 2.0), POSITIVE_VALUES, "1", "viscosity over the nominal one at the start"
+    ),
+    "warming": RandomValue(1.0, (0.6, 1.6), (1.6, 2.2), POSITIVE_VALUES, "1", "factor on it after a long time"),
+    "warming_time": RandomValue(5.0, (2.0, 8.0), (1.0, 2.0), POSITIVE_VALUES, "s", "time constant of this change"),
     "clog": RandomValue(1.0, (0.7, 1.0), (0.5, 0.7), (1e-3, 1.0), "1", "factor on the flow of a clogged needle"),
     "clog_time": RandomValue(6.0, (2.0, 10.0), (1.0, 5.0), NOT_NEGATIVE, "s", "time of the clog"),
-    "lag": RandomValue(0.1, (0.05, 0.15), (0.15, 0.25), POSITIVE, "s", "time constant of the pressure"),
+    "lag": RandomValue(0.1, (0.05, 0.15), (0.15, 0.25), POSITIVE_VALUES, "s", "time constant of the pressure"),
 }
 _TURN = 2 * math.pi
 # of the places in which the program slows down
 SPEED = {
     "dip": RandomValue(0.0, (0.0, 0.6), (0.6, 0.8), (0.0, 0.95), "1", "share by which the program slows down"),
-    "dip_length": RandomValue(60.0, (30.0, 90.0), (15.0, 30.0), POSITIVE, "mm", "distance between two such places"),
+    "dip_length": RandomValue(
+        60.0, (30.0, 90.0), (15.0, 30.0), POSITIVE_VALUES, "mm", "distance between two such places"
+    ),
     "dip_phase": RandomValue(0.0, (0.0, _TURN), (0.0, _TURN), (0.0, _TURN), "rad", "phase of them at the start"),
 }
 _SEED = {"camera": RandomValue(0.0, (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), "1", "seed of the camera's noise")}
@@ -53,13 +57,13 @@ _SEED = {"camera": RandomValue(0.0, (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), "1", "se
 _SEEDS = 2**53
 
 # width error above which none is observed as larger, or costs more [tolerances]
-_WORST = 10.0
+_WORST_ERROR = 10.0
 # penalty of an interval lost by a fault; the largest of one without is 1
 _FAULT = 2.0
 # values of the camera's noise, which it takes in turns
 _NOISES = 1024
 # what the agent knows of the width, from the camera
-_SEEN = np.dtype(
+_SEEN_WIDTH = np.dtype(
     [
         # mean of the last interval in which it saw the bead [tolerances]
         ("error", np.float64),
@@ -171,7 +175,7 @@ class BeadWidthBatch(EpisodeBatch):
         self._flow = [np.zeros(1)] * places
 
         # what follows from it: what the agent knows of the width, and the widths of an episode
-        self._seen = np.zeros(places, _SEEN)
+        self._seen = np.zeros(places, _SEEN_WIDTH)
         self._episode_widths = np.zeros(places, WIDTHS)
 
         # of an episode: commanded speeds after each setpoint, as arrays and as rows that are zero behind their end,
@@ -185,8 +189,14 @@ class BeadWidthBatch(EpisodeBatch):
 
     def _entries(self) -> list[Entry]:
         return [
-            Entry("width_error", -_WORST, _WORST, "tolerances", "mean width error that the camera measured last"),
-            Entry("width_change", -_WORST, _WORST, "tolerances", "its change since the measurement before"),
+            Entry(
+                "width_error",
+                -_WORST_ERROR,
+                _WORST_ERROR,
+                "tolerances",
+                "mean width error that the camera measured last",
+            ),
+            Entry("width_change", -_WORST_ERROR, _WORST_ERROR, "tolerances", "its change since the measurement before"),
             Entry("width_seen", 0.0, 1.0, "1", "whether the camera has seen the bead"),
             Entry("override", -1.0, 1.0, "log of range", "override of the pressure"),
             Entry("action", -1.0, 1.0, "1", "last action"),
@@ -285,8 +295,8 @@ class BeadWidthBatch(EpisodeBatch):
         speeds = [self._speed_rows.at(self._sent + k * interval) for k in range(len(_SPEEDS))]
         # in the order of `_entries`
         parts = [
-            np.clip(self._seen["error"], -_WORST, _WORST)[:, None],
-            np.clip(self._seen["change"], -_WORST, _WORST)[:, None],
+            np.clip(self._seen["error"], -_WORST_ERROR, _WORST_ERROR)[:, None],
+            np.clip(self._seen["change"], -_WORST_ERROR, _WORST_ERROR)[:, None],
             self._seen["is_seen"][:, None],
             self._override[:, None] / math.log(self.settings.override_range),
             self._action,
@@ -303,7 +313,7 @@ class BeadWidthBatch(EpisodeBatch):
         episode_pieces = np.maximum(episode_widths["pieces"], 1)
         rms = np.sqrt(widths["square"] / pieces)
         faulty, ended, undone = self._ends(advanced)
-        reward: Floats = -np.minimum(rms / self.settings.tolerance, _WORST) / _WORST
+        reward: Floats = -np.minimum(rms / self.settings.tolerance, _WORST_ERROR) / _WORST_ERROR
         return Outcome(
             reward=reward - np.where(faulty, _FAULT * undone, 0.0),
             terminated=faulty,

@@ -17,7 +17,7 @@ from gantrysim.engine.places import places_of
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.decision import Ends, Entry, EpisodeState, IntervalValues, Outcome
 from gantrysim.env.episodes import Chosen, Episode, Source
-from gantrysim.env.interval import AXIS_VALUES, NOT_MEASURED, PATH_VALUES, SPAN, measure, measuring_stage
+from gantrysim.env.interval import AXIS_VALUES, MEASURED_SPAN, NOT_MEASURED, PATH_VALUES, measure, measuring_stage
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
@@ -27,7 +27,7 @@ from gantrysim.record.run import Run
 # Of many places for each core, one thread for each core is done soonest. Where they are few, the next episodes take as
 # long to draw as a decision, and the thread that shares its core with them is late with the last place, while the other
 # cores have nothing left to do: two threads for each core then.
-_MANY = 16
+_MANY_PLACES = 16
 
 
 class DrawnAhead:
@@ -102,7 +102,7 @@ class DrawnAhead:
 def threads_for(places: int) -> int:
     """Return the number of threads that step so many places soonest while the next episodes are drawn."""
     cores = os.cpu_count() or 1
-    return cores if places >= _MANY * cores else min(places, 2 * cores)
+    return cores if places >= _MANY_PLACES * cores else min(places, 2 * cores)
 
 
 def addresses_of(array: NDArray[Any]) -> NDArray[np.int64]:
@@ -175,7 +175,7 @@ class EpisodeBatch(ABC):
         self._action = np.zeros((places, len(self.actions)))
         self._of_path = np.zeros(places, PATH_VALUES)
         self._of_axes = np.zeros((places, self._axes), AXIS_VALUES)
-        self._spans = np.zeros(places, SPAN)
+        self._spans = np.zeros(places, MEASURED_SPAN)
         self._spans["peak"] = self._peak.ctypes.data
         self._spans["path_values"] = addresses_of(self._of_path)
         self._spans["axis_values"] = addresses_of(self._of_axes)
@@ -373,7 +373,7 @@ class EpisodeBatch(ABC):
         self._follow(stepped, firsts, self._measured[stepped])
 
     def _span_address(self, place: int) -> int:
-        return self._spans.ctypes.data + place * SPAN.itemsize
+        return self._spans.ctypes.data + place * MEASURED_SPAN.itemsize
 
     def _follow(  # noqa: B027  most tasks have nothing of the kind
         self, places: NDArray[np.intp], firsts: NDArray[np.int64], lasts: NDArray[np.int64]

@@ -17,7 +17,7 @@ from gantrysim.base.jit import jit
 from gantrysim.engine.injection import Change
 from gantrysim.engine.native.pointers import log_of, row_at, rows_at
 from gantrysim.env.episodes import Episode, Source
-from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
+from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE_VALUES, RandomValue
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.perturbation import Perturbation
@@ -64,7 +64,7 @@ class ChangingFriction(Changing):
     """Source of episodes whose friction changes by a factor at some moment."""
 
     values: ClassVar[Mapping[str, RandomValue]] = {
-        "friction_change": RandomValue(1.0, (0.6, 1.6), (1.6, 2.4), POSITIVE, "1", "factor on the friction"),
+        "friction_change": RandomValue(1.0, (0.6, 1.6), (1.6, 2.4), POSITIVE_VALUES, "1", "factor on the friction"),
         "friction_time": RandomValue(2.0, (0.5, 4.0), (0.25, 2.0), NOT_NEGATIVE, "s", "time from which it acts"),
     }
     moment: ClassVar[str] = "friction_time"

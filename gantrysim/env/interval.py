@@ -56,7 +56,7 @@ PROGRESS = np.dtype(
 NOT_MEASURED = -1  # tick of the progress after an interval that is still to be measured
 
 # what is measured at a place, with the addresses of its arrays
-SPAN = np.dtype(
+MEASURED_SPAN = np.dtype(
     [
         ("dispense", np.int64),  # whether the dispenser is on, (n,)
         ("progress", np.int64),  # arc length for which each setpoint stands, (n,) [mm]
@@ -73,7 +73,7 @@ SPAN = np.dtype(
     ]
 )
 
-_SPAN = numba.from_dtype(SPAN)
+_MEASURED_SPAN = numba.from_dtype(MEASURED_SPAN)
 _PATH_VALUES = numba.from_dtype(PATH_VALUES)
 _AXIS_VALUES = numba.from_dtype(AXIS_VALUES)
 _OCTET = types.uint8
@@ -112,7 +112,7 @@ def _distance(a, b):
 
 @cache
 def measuring_stage() -> int:
-    """Return the address of a C function that measures an interval; its argument is the address of its `SPAN`.
+    """Return the address of a C function that measures an interval; its argument is the address of its `MEASURED_SPAN`.
 
     Errors of the axes are those of all ticks since `before`, contour errors of those with the dispenser on. The
     distance to the path is that to the chords between its points, whose sagitta is spacing^2 curvature / 8; its feet
@@ -122,7 +122,7 @@ def measuring_stage() -> int:
     """
 
     def stage(address, argument):
-        _measure(row_at(address), numba.carray(pointer(argument, _SPAN), (1,))[0])
+        _measure(row_at(address), numba.carray(pointer(argument, _MEASURED_SPAN), (1,))[0])
 
     return compiled_stage(stage)
 
@@ -137,7 +137,7 @@ def measure(row: int, span: int) -> None:
 
     Args:
         row: address of the servo's row, whose log is read.
-        span: address of the `SPAN`.
+        span: address of the `MEASURED_SPAN`.
     """
     _measuring()(row, span)
 

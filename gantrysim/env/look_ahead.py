@@ -245,7 +245,7 @@ class LimitedSpeed:
         return v + slope * since
 
 
-AHEAD = (2.0, 5.0, 10.0)  # distances at which the curvature ahead is observed [mm]
+DISTANCES_AHEAD = (2.0, 5.0, 10.0)  # distances at which the curvature ahead is observed [mm]
 _SPEED_UNIT = 100.0  # [mm/s]
 _SPEED_RANGE = 10.0  # of these units
 _CURVATURE_UNIT = 0.1  # [1/mm]
@@ -259,7 +259,7 @@ def ahead_entries(speeds: Mapping[str, str]) -> list[Entry]:
     Args:
         speeds: names and meanings of the speeds among them.
     """
-    places = [("", "here"), *((f"_{distance:g}", f"{distance:g} mm ahead") for distance in AHEAD)]
+    places = [("", "here"), *((f"_{distance:g}", f"{distance:g} mm ahead") for distance in DISTANCES_AHEAD)]
     return [
         *(Entry(name, 0.0, _SPEED_RANGE, "100 mm/s", meaning) for name, meaning in speeds.items()),
         *(
@@ -278,7 +278,7 @@ def ahead_entries(speeds: Mapping[str, str]) -> list[Entry]:
 
 
 # what lies ahead at a place, with the addresses of its arrays
-_AHEAD = np.dtype(
+_PATH_AHEAD = np.dtype(
     [
         ("points", np.int64),  # along the path, (count, 3), by columns [mm]
         ("s", np.int64),  # arc lengths of the points, (count,) [mm]
@@ -297,7 +297,7 @@ class PathsAhead:
     """
 
     def __init__(self, places: int) -> None:
-        self._ahead = np.zeros(places, _AHEAD)
+        self._ahead = np.zeros(places, _PATH_AHEAD)
         # kept alive, as there are addresses of their arrays
         self._looks: list[LookAhead | None] = [None] * places
 
@@ -335,7 +335,7 @@ class PathsAhead:
             s: arc lengths of the nozzle, (places,) [mm].
             speeds: as in `ahead_entries`, (places,) each [mm/s].
         """
-        curvature = np.zeros((len(s), len(_PLACES)))
+        curvature = np.zeros((len(s), len(_CURVATURE_PLACES)))
         _find_curvatures(self._ahead, s, curvature)
         has_path = self._ahead["count"] > 0
         reversal = np.where(has_path[:, None], self.to_reversal(s) / _REVERSAL, 0.0)
@@ -350,7 +350,7 @@ class PathsAhead:
         )
 
 
-_PLACES = np.array([0.0, *AHEAD])  # where the curvature is observed, ahead of the nozzle [mm]
+_CURVATURE_PLACES = np.array([0.0, *DISTANCES_AHEAD])  # where the curvature is observed, ahead of the nozzle [mm]
 
 
 @jit
@@ -371,8 +371,8 @@ def _find_curvatures(ahead: NDArray[np.void], nozzle: Floats, curvature: Floats)
             x = points[:count]
             y = points[count : 2 * count]
             s = floats_at(ahead[place].s)[:count]
-            for k in range(len(_PLACES)):
-                curvature[place, k] = _curvature_at(x, y, s, nozzle[place] + _PLACES[k])
+            for k in range(len(_CURVATURE_PLACES)):
+                curvature[place, k] = _curvature_at(x, y, s, nozzle[place] + _CURVATURE_PLACES[k])
 
 
 @jit

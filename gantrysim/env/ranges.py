@@ -21,7 +21,7 @@ PRESETS = {
 }
 SHIFTED_TOLERANCES = 1.5
 
-POSITIVE: Range = (math.nextafter(0.0, 1.0), math.inf)
+POSITIVE_VALUES: Range = (math.nextafter(0.0, 1.0), math.inf)
 NOT_NEGATIVE: Range = (0.0, math.inf)
 
 
@@ -85,7 +85,7 @@ def machine_ranges(
         if name == "payload_kg":
             limits = NOT_NEGATIVE
         else:
-            limits = (-math.inf, math.inf) if name.startswith(ERRORS) else POSITIVE
+            limits = (-math.inf, math.inf) if name.startswith(ERRORS) else POSITIVE_VALUES
         ranges[name] = _checked(name, bounds, limits)
     return ranges
 
@@ -98,6 +98,6 @@ def _checked(name: str, bounds: float | Range, limits: Range) -> Range:
     least, most = limits
     if least <= low and high <= most:
         return low, high
-    at_least = "greater than 0" if limits == POSITIVE else f"at least {least:g}"
+    at_least = "greater than 0" if limits == POSITIVE_VALUES else f"at least {least:g}"
     at_most = "" if most == math.inf else f" and at most {most:g}"
     raise InputError(f"ranges: {name} = ({low:g}, {high:g}): must be {at_least}{at_most}")

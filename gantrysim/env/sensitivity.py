@@ -19,9 +19,9 @@ from gantrysim.servo.servo import Servo
 from gantrysim.servo.stability.margins import Plant, sensitivities
 from gantrysim.servo.stability.motion import UnknownLoopError
 
-_STEPS = 16  # of the table per unit of the action
+_TABLE_STEPS = 16  # of the table per unit of the action
 _PAYLOADS = 8  # of the table per kilogram
-_KEPT = 2**16  # costs, of which there are more than memory where every axis has gains of its own
+_REMEMBERED_COSTS = 2**16  # costs, of which there are more than memory where every axis has gains of its own
 _LOOP = [TUNED_GAINS.index(name) for name in ("kp", "kd")]  # the feed-forward is outside of the loop
 
 
@@ -44,7 +44,7 @@ class SensitivityTable:
         self._servo = servo
         self._range = gain_range
         self._peaks: dict[tuple[int, ...], Floats] = {}
-        self._cost = lru_cache(_KEPT)(self._computed)
+        self._cost = lru_cache(_REMEMBERED_COSTS)(self._computed)
         self._plants: dict[int, Plant | None] = {}
         # costs of gains common to all axes, by payload
         self._common: dict[int, Floats] = {}
@@ -74,9 +74,9 @@ class SensitivityTable:
             actions: (n, gains of `TUNED_GAINS`, 1 or axes), from -1 to 1.
             payloads: of the machines, beyond the nominal one's, one or (n,) [kg].
         """
-        steps = np.rint(np.asarray(actions, float)[:, _LOOP] * _STEPS).astype(int)
+        steps = np.rint(np.asarray(actions, float)[:, _LOOP] * _TABLE_STEPS).astype(int)
         loads = np.rint(np.multiply(payloads, _PAYLOADS)).astype(int)
-        if loads.ndim == 0 and steps.shape[2] == 1 and np.abs(steps).max(initial=0) <= _STEPS:
+        if loads.ndim == 0 and steps.shape[2] == 1 and np.abs(steps).max(initial=0) <= _TABLE_STEPS:
             return self._of_common(steps[:, 0, 0], steps[:, 1, 0], int(loads))
         keys = np.column_stack([np.broadcast_to(loads, len(steps)), steps.reshape(len(steps), -1)]).tolist()
         return np.array([self._cost(*key) for key in keys])
@@ -87,14 +87,14 @@ class SensitivityTable:
         A look into a dictionary for each would take longer than all else that follows from an action.
         """
         if payload not in self._common:
-            self._common[payload] = np.full((2 * _STEPS + 1, 2 * _STEPS + 1), np.nan)
+            self._common[payload] = np.full((2 * _TABLE_STEPS + 1, 2 * _TABLE_STEPS + 1), np.nan)
         table = self._common[payload]
-        costs = table[kp + _STEPS, kd + _STEPS]
+        costs = table[kp + _TABLE_STEPS, kd + _TABLE_STEPS]
         unknown = np.isnan(costs)
         if unknown.any():
             for k in np.flatnonzero(unknown).tolist():
                 costs[k] = self._cost(payload, int(kp[k]), int(kd[k]))
-            table[kp + _STEPS, kd + _STEPS] = costs
+            table[kp + _TABLE_STEPS, kd + _TABLE_STEPS] = costs
         return costs
 
     def _computed(self, payload: int, *gains: int) -> float:
@@ -118,7 +118,7 @@ class SensitivityTable:
             plants = {load: self._plant(load) for load in range(first, first + self._together)}
             known = {load: plant for load, plant in plants.items() if plant is not None}
             action = np.zeros((len(TUNED_GAINS), steps.shape[1]))
-            action[_LOOP] = steps / _STEPS
+            action[_LOOP] = steps / _TABLE_STEPS
             servo = scaled_gains(self._servo, gain_factors(action, self._range))
             for load, peaks in zip(known, sensitivities(list(known.values()), servo), strict=True):
                 self._peaks[load, *gains] = peaks

@@ -30,12 +30,12 @@ from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
 from gantrysim.machine.machine import Machine
 
-_WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors
+_WORST_ERROR = 10.0  # tolerances: the largest penalty of an interval, and range of errors
 _FAULT = 2.0  # penalty of an interval lost by a fault; the largest of one without is 1
 _SPEED_UNIT = 100.0  # [mm/s or deg/s]
 _SPEED_RANGE = 10.0  # of these units
-_LEVELS = 5.0  # range of friction, in that of the nominal machine
-_STEPS = 10.0  # range of the level that is missing
+_FRICTION_RANGE = 5.0  # range of friction, in that of the nominal machine
+_LEVEL_RANGE = 10.0  # range of the level that is missing
 _PRIOR = 0.05  # share of the memory for which the level 1 is remembered at the start
 
 
@@ -126,8 +126,20 @@ class ServoTorqueBatch(EpisodeBatch):
         entries = []
         for axis in self.source.machine.axis_names:
             entries += [
-                Entry(f"following_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
-                Entry(f"following_change_{axis}", -_WORST, _WORST, "tolerances", "change since the interval before"),
+                Entry(
+                    f"following_{axis}",
+                    -_WORST_ERROR,
+                    _WORST_ERROR,
+                    "tolerances",
+                    f"mean following error of {axis}, signed",
+                ),
+                Entry(
+                    f"following_change_{axis}",
+                    -_WORST_ERROR,
+                    _WORST_ERROR,
+                    "tolerances",
+                    "change since the interval before",
+                ),
                 Entry(
                     f"velocity_{axis}",
                     -_SPEED_RANGE,
@@ -136,15 +148,27 @@ class ServoTorqueBatch(EpisodeBatch):
                     f"demanded velocity of {axis} until the next",
                 ),
                 Entry(
-                    f"friction_{axis}", -_LEVELS, _LEVELS, "Coulomb", f"nominal friction torque of {axis} until then"
+                    f"friction_{axis}",
+                    -_FRICTION_RANGE,
+                    _FRICTION_RANGE,
+                    "Coulomb",
+                    f"nominal friction torque of {axis} until then",
                 ),
-                Entry(f"missing_{axis}", -_STEPS, _STEPS, "steps", f"friction of {axis} as fitted, less the level"),
+                Entry(
+                    f"missing_{axis}",
+                    -_LEVEL_RANGE,
+                    _LEVEL_RANGE,
+                    "steps",
+                    f"friction of {axis} as fitted, less the level",
+                ),
                 Entry(f"level_{axis}", 0.0, self.settings.highest, "1", f"level of the torque of {axis}"),
                 Entry(f"action_{axis}", -1.0, 1.0, "1", f"last action of {axis}"),
             ]
         return [
             *entries,
-            Entry("contour_mean", -_WORST, _WORST, "tolerances", "mean contour error, positive to the left"),
+            Entry(
+                "contour_mean", -_WORST_ERROR, _WORST_ERROR, "tolerances", "mean contour error, positive to the left"
+            ),
             Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
         ]
 
@@ -203,18 +227,18 @@ class ServoTorqueBatch(EpisodeBatch):
         # all may be forgotten at rest
         fitted = np.divide(total, squares, out=np.ones(total.shape), where=squares > 0)
         velocity = self._next_step / self.source.servo.period / _SPEED_UNIT
-        missing = np.clip((fitted - self._level) / self.settings.step, -_STEPS, _STEPS)
+        missing = np.clip((fitted - self._level) / self.settings.step, -_LEVEL_RANGE, _LEVEL_RANGE)
         by_axis = [
-            np.clip(measured.following_mean / tolerance, -_WORST, _WORST),
-            np.clip(change / tolerance, -_WORST, _WORST),
+            np.clip(measured.following_mean / tolerance, -_WORST_ERROR, _WORST_ERROR),
+            np.clip(change / tolerance, -_WORST_ERROR, _WORST_ERROR),
             np.clip(velocity, -_SPEED_RANGE, _SPEED_RANGE),
-            np.clip(self._next_sliding / self._coulomb, -_LEVELS, _LEVELS),
+            np.clip(self._next_sliding / self._coulomb, -_FRICTION_RANGE, _FRICTION_RANGE),
             missing,
             self._level,
             self._action,
         ]
         shared = [
-            np.clip(measured.lateral / tolerance, -_WORST, _WORST)[:, None],
+            np.clip(measured.lateral / tolerance, -_WORST_ERROR, _WORST_ERROR)[:, None],
             np.minimum(self._sent / self._setpoints, 1.0)[:, None],
         ]
         return np.concatenate([np.stack(by_axis, 2).reshape(n, -1), *shared], 1, dtype=np.float32)
@@ -227,7 +251,7 @@ class ServoTorqueBatch(EpisodeBatch):
         self._decisions[advanced] += 1.0
         self._outside[advanced] += outside[advanced]
         terms = {
-            "reward_contour": -np.minimum(measured.contour_rms / tolerance, _WORST) / _WORST,
+            "reward_contour": -np.minimum(measured.contour_rms / tolerance, _WORST_ERROR) / _WORST_ERROR,
             "reward_fault": np.where(faulty, -_FAULT * undone, 0.0),
         }
         return Outcome(

@@ -35,15 +35,15 @@ from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.servo.gains import GAIN_NAMES
 
-_WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors
+_WORST_ERROR = 10.0  # tolerances: the largest penalty of an interval, and range of errors
 _SPEED_UNIT = 100.0  # [mm/s or deg/s]
 _SPEED_RANGE = 10.0  # of these units
 _ACCELERATION_UNIT = 1000.0  # [mm/s² or deg/s²]
 _ACCELERATION_RANGE = 30.0  # of these units
 _RATIOS = 5.0  # range of the ratio of inertia, to either side
 _PRIOR = 0.005  # share of the memory for which the nominal machine is remembered at the start
-_STEADY = 1000.0  # acceleration taken for that [mm/s² or deg/s²]
-_SMOOTH = 0.01  # time constant of the low pass before the fit [s]
+_STEADY_ACCELERATION = 1000.0  # acceleration taken for that [mm/s² or deg/s²]
+_FILTER_TIME = 0.01  # time constant of the low pass before the fit [s]
 _SPEED_OF = {"speed": "path speed of the nozzle"}
 
 FourGains = tuple[float, float, float, float]
@@ -117,7 +117,7 @@ class SpiralTuningBatch(EpisodeBatch):
         self._centre = {name: np.array(servo.per_axis(name)) for name in SCALED}
         self.sensitivity = SensitivityTable(self.source.machine, servo, settings.gain_range, varies=True)
         self._start_log = np.log(settings.start) / math.log(settings.gain_range)
-        self._decay = Decay(math.exp(-servo.period / _SMOOTH), math.exp(-servo.period / settings.memory))
+        self._decay = Decay(math.exp(-servo.period / _FILTER_TIME), math.exp(-servo.period / settings.memory))
         self._nominal = Nominal(
             inertia=np.array([axis.inertia / servo.period**2 for axis in axes]),
             viscous=np.array([axis.viscous / servo.period for axis in axes]),
@@ -125,7 +125,7 @@ class SpiralTuningBatch(EpisodeBatch):
         # r = 1 and h = 1 are remembered as if met with this weight
         # an axis without friction has no equation for h, but must not divide by 0
         least = np.finfo(float).tiny ** 0.5
-        j = np.maximum(np.array([_STEADY * axis.inertia for axis in axes]) ** 2, least)
+        j = np.maximum(np.array([_STEADY_ACCELERATION * axis.inertia for axis in axes]) ** 2, least)
         f = np.maximum(np.array([axis.friction.coulomb for axis in axes]) ** 2, least)
         weight = _PRIOR * settings.memory / servo.period
         self._prior = np.zeros(len(axes), SUMS)
@@ -159,8 +159,20 @@ class SpiralTuningBatch(EpisodeBatch):
         entries = []
         for axis in self.source.machine.axis_names:
             entries += [
-                Entry(f"following_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
-                Entry(f"following_change_{axis}", -_WORST, _WORST, "tolerances", "change since the interval before"),
+                Entry(
+                    f"following_{axis}",
+                    -_WORST_ERROR,
+                    _WORST_ERROR,
+                    "tolerances",
+                    f"mean following error of {axis}, signed",
+                ),
+                Entry(
+                    f"following_change_{axis}",
+                    -_WORST_ERROR,
+                    _WORST_ERROR,
+                    "tolerances",
+                    "change since the interval before",
+                ),
                 Entry(
                     f"velocity_{axis}",
                     -_SPEED_RANGE,
@@ -178,8 +190,10 @@ class SpiralTuningBatch(EpisodeBatch):
             Entry("inertia", -_RATIOS, _RATIOS, "1", "inertia over the nominal one, fitted to all axes together"),
             *(Entry(f"gain_{name}", -1.0, 1.0, "log of range", f"present factor on {name}") for name in TUNED_GAINS),
             *ahead_entries(_SPEED_OF),
-            Entry("contour_rms", 0.0, _WORST, "tolerances", "RMS contour error of the last interval"),
-            Entry("contour_mean", -_WORST, _WORST, "tolerances", "mean contour error, positive to the left"),
+            Entry("contour_rms", 0.0, _WORST_ERROR, "tolerances", "RMS contour error of the last interval"),
+            Entry(
+                "contour_mean", -_WORST_ERROR, _WORST_ERROR, "tolerances", "mean contour error, positive to the left"
+            ),
             Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
         ]
 
@@ -232,8 +246,8 @@ class SpiralTuningBatch(EpisodeBatch):
         n = len(self.episodes)
         ratio, common = ratios(self._sums)
         axes = [
-            np.clip(measured.following_mean / tolerance, -_WORST, _WORST),
-            np.clip((measured.following_mean - self._error) / tolerance, -_WORST, _WORST),
+            np.clip(measured.following_mean / tolerance, -_WORST_ERROR, _WORST_ERROR),
+            np.clip((measured.following_mean - self._error) / tolerance, -_WORST_ERROR, _WORST_ERROR),
             np.clip(self._next_velocity / _SPEED_UNIT, -_SPEED_RANGE, _SPEED_RANGE),
             np.clip(self._next_acceleration / _ACCELERATION_UNIT, -_ACCELERATION_RANGE, _ACCELERATION_RANGE),
             np.clip(ratio, -_RATIOS, _RATIOS),
@@ -243,8 +257,8 @@ class SpiralTuningBatch(EpisodeBatch):
             np.clip(common, -_RATIOS, _RATIOS)[:, None],
             self._log,
             ahead,
-            np.clip(measured.contour_rms / tolerance, 0.0, _WORST)[:, None],
-            np.clip(measured.lateral / tolerance, -_WORST, _WORST)[:, None],
+            np.clip(measured.contour_rms / tolerance, 0.0, _WORST_ERROR)[:, None],
+            np.clip(measured.lateral / tolerance, -_WORST_ERROR, _WORST_ERROR)[:, None],
             np.minimum(self._sent / self._setpoints, 1.0)[:, None],
         ]
         return np.concatenate([np.stack(axes, 2).reshape(n, -1), *shared], 1, dtype=np.float32)
@@ -258,7 +272,7 @@ class SpiralTuningBatch(EpisodeBatch):
         self._decisions[advanced] += 1.0
         self._costs[advanced] += cost[advanced]
         terms = {
-            "reward_contour": -np.minimum(measured.contour_rms / settings.tolerance, _WORST) / _WORST,
+            "reward_contour": -np.minimum(measured.contour_rms / settings.tolerance, _WORST_ERROR) / _WORST_ERROR,
             "reward_stability": -settings.weight * cost,
             "reward_fault": np.where(faulty, -(1 + settings.weight) * undone, 0.0),
         }

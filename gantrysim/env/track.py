@@ -23,7 +23,7 @@ from gantrysim.record.setpoints import Setpoints
 # spacing⁴ / (1944 R³), 1e-8 mm for R = 2 mm.
 _SPACING = 0.1  # of the knots, at most [mm]
 _NEAR_STOP = 1e-4  # distance from a stop at which it is reached [mm]
-_PARTS = 3  # of the span between two knots
+_SPAN_PARTS = 3  # of the span between two knots
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Track:
             for low, high in itertools.pairwise(edges.tolist())
         ]
         knots = np.append(np.concatenate(spans), path.length)
-        thirds = np.arange(_PARTS) / _PARTS
+        thirds = np.arange(_SPAN_PARTS) / _SPAN_PARTS
         s = np.append((knots[:-1, None] + np.diff(knots)[:, None] * thirds).ravel(), path.length)
         tip = path.position(s)
         columns = [
@@ -90,7 +90,7 @@ class Track:
 
     def steepest(self) -> Floats:
         """Return the largest motion of each axis per arc length, (axes,) [mm or deg per mm]."""
-        steps = np.repeat(np.diff(self.knots) / _PARTS, _PARTS)
+        steps = np.repeat(np.diff(self.knots) / _SPAN_PARTS, _SPAN_PARTS)
         steepest: Floats = (np.abs(np.diff(self.positions, axis=0)) / steps[:, None]).max(axis=0)
         return steepest
 
@@ -225,12 +225,12 @@ def command(
         for k in range(way.size):
             span = min(max(int(np.searchsorted(knots, way[k], "right")) - 1, 0), len(knots) - 2)
             # Lagrange's cubic through the positions at 0, 1, 2 and 3
-            u = _PARTS * (way[k] - knots[span]) / (knots[span + 1] - knots[span])
+            u = _SPAN_PARTS * (way[k] - knots[span]) / (knots[span + 1] - knots[span])
             a = -(u - 1) * (u - 2) * (u - 3) / 6
             b = u * (u - 2) * (u - 3) / 2
             c = -u * (u - 1) * (u - 3) / 2
             d = u * (u - 1) * (u - 2) / 6
-            row = _PARTS * span
+            row = _SPAN_PARTS * span
             for axis in range(positions.shape[1]):
                 commanded.position[place, k, axis] = (
                     a * positions[row, axis]

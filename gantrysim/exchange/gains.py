@@ -31,7 +31,7 @@ _HEADROOM = 1.25  # of the step generator above the planner, so that it can catc
 # does not carry a newly added gain refuses it.
 
 # Set in the controller, the drive or the encoder beside the gains: listed in the file and in notes, where not carried.
-BESIDE = {
+BESIDE_GAINS = {
     "period": "servo period [s]",
     "torque_limit": "torque limit of the drive [N·m]",
     "resolution": "encoder count [u]",
@@ -50,7 +50,7 @@ BESIDE = {
     "velocity_time": "integral time of the velocity loop in the drive [s]",
     "drive_period": "period of the velocity loop in the drive [s]",
 }
-_ORDINARY = ("motor", "torque")  # words that need no setting
+_ORDINARY_COMMANDS = ("motor", "torque")  # words that need no setting
 _OF_VELOCITY_DRIVES = ("velocity_gain", "velocity_time", "drive_period")
 # Without effect but through another field, which is refused.
 THROUGH = {
@@ -61,7 +61,7 @@ THROUGH = {
     **{parameter.name: "law" for parameter in LAW_PARAMETERS},
 }
 # The laws pd and pid are the gains themselves.
-_PLAIN = ((PID.name,), (PD.name,))
+_PLAIN_LAWS = ((PID.name,), (PD.name,))
 _REMEDIES = {"law": "servo.law='\"pid\"'"}
 
 
@@ -69,10 +69,10 @@ def unsaid(dialect: Dialect, axes: Sequence[AxisServo], servo: Servo) -> dict[st
     """Return acting settings for which a dialect has no parameter, by the key of the servo, with their values."""
     lost: dict[str, str] = {}
     for name, values in servo.values().items():
-        if name in BESIDE or name in THROUGH:
+        if name in BESIDE_GAINS or name in THROUGH:
             continue
         if name == "law":
-            if servo.laws.names not in _PLAIN:
+            if servo.laws.names not in _PLAIN_LAWS:
                 lost[name] = f"law = {words(servo.laws.names)}"
             continue
         acting = [
@@ -88,12 +88,12 @@ def unsaid(dialect: Dialect, axes: Sequence[AxisServo], servo: Servo) -> dict[st
 def settings_beside_gains(dialect: Dialect, servo: Servo) -> list[str]:
     """Return the settings beside the gains that a dialect does not carry, in lines."""
     lines = []
-    for name, meaning in BESIDE.items():
+    for name, meaning in BESIDE_GAINS.items():
         value = servo.values()[name]
         values = value if isinstance(value, tuple) else (value,)
         if all(name in dialect.carried_fields(mode) for mode in servo.modes):
             continue
-        if not any(value and value not in _ORDINARY for value in values):
+        if not any(value and value not in _ORDINARY_COMMANDS for value in values):
             continue
         if name in _OF_VELOCITY_DRIVES and "velocity" not in servo.modes:
             continue

@@ -8,7 +8,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.base.input_files import read_text
 
 # of one configuration; those of real machines have a tenth of these
-_DEEPEST = 16  # inclusions within one another
+_NESTED_INCLUSIONS = 16  # inclusions within one another
 _FILES = 200
 _LENGTH = 1 << 24  # of all files together [characters]
 
@@ -32,8 +32,10 @@ class IncludedFiles:
             InputError: a file that cannot be read, or more files than a configuration has.
         """
         self._files += 1
-        if depth > _DEEPEST:
-            raise InputError(f"{path}: {self._word} is nested more than {_DEEPEST} deep: does a file include itself?")
+        if depth > _NESTED_INCLUSIONS:
+            raise InputError(
+                f"{path}: {self._word} is nested more than {_NESTED_INCLUSIONS} deep: does a file include itself?"
+            )
         if self._files > _FILES:
             raise InputError(f"{path}: {self._word} names more than {_FILES} files in all: are some named repeatedly?")
         try:

@@ -20,7 +20,7 @@ _INCLUDE = re.compile(r"#INCLUDE\s+(.+?)\s*")
 _SECTION = re.compile(r"\[\s*([\w:.-]+)\s*\].*")
 _VALUE = re.compile(rf"({NUMBER})\s*(?:[#;].*)?")
 _LENGTHS = {"mm": 1.0, "metric": 1.0, "cm": 10.0, "inch": 25.4, "in": 25.4, "imperial": 25.4}  # [mm]
-_TRIVIAL = "trivkins"  # kinematics in which each joint is an axis
+_TRIVIAL_KINEMATICS = "trivkins"  # kinematics in which each joint is an axis
 
 
 def ini_text(path: Path) -> str:
@@ -104,8 +104,8 @@ class IniFile:
     @property
     def letters(self) -> str:
         """The axis of each joint in turn, in small letters; empty where the kinematics mix the joints."""
-        words = self.sections.get("KINS", {}).get("KINEMATICS", _TRIVIAL).split("#")[0].lower().split()
-        if not words or words[0] != _TRIVIAL:
+        words = self.sections.get("KINS", {}).get("KINEMATICS", _TRIVIAL_KINEMATICS).split("#")[0].lower().split()
+        if not words or words[0] != _TRIVIAL_KINEMATICS:
             return ""
         named = [word.removeprefix("coordinates=") for word in words if word.startswith("coordinates=")]
         letters = named[0] if named else self.sections.get("TRAJ", {}).get("COORDINATES", "").split("#")[0]
@@ -181,7 +181,7 @@ _LIMITS = "set by the job's program: axis_speeds, acceleration"
 _OF_LENGTH = ("DEADBAND", "MAX_ERROR", "BACKLASH", "FERROR", "MIN_FERROR", "MAX_VELOCITY", "MAX_ACCELERATION")
 _PERIOD = "SERVO_PERIOD"  # in section [EMCMOT] [ns]
 _SAME_PERIOD = 1e-3  # relative difference that rounding explains
-_OLDER = {"P": "PGAIN", "I": "IGAIN", "D": "DGAIN"}  # names of keys that a HAL file may have instead
+_OLDER_KEYS = {"P": "PGAIN", "I": "IGAIN", "D": "DGAIN"}  # names of keys that a HAL file may have instead
 _UNITS = {"kp": "/u", "ki": "/(u·s)", "kd": "·s/u", "velocity_ff": "·s/u", "acceleration_ff": "·s²/u"}
 _FORMULAS = {"kd": "kd - o", "velocity_ff": "vff + o", "acceleration_ff": "aff"}
 
@@ -347,7 +347,7 @@ class LinuxCNCIni(LinuxCNC):
         for key in (*(term[1] for term in (*_TERMS, *_FOREIGN)), *LinuxCNCIni.settings):
             value = ini.number(section, key)
             if value is None:
-                value = ini.number(section, _OLDER.get(key, key))
+                value = ini.number(section, _OLDER_KEYS.get(key, key))
             if value is not None:
                 words[key] = value
         if not any(term[1] in words for term in _TERMS):

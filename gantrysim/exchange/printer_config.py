@@ -16,7 +16,7 @@ from gantrysim.servo.laws import ADDITIONS, PID
 
 _SECTION = re.compile(r"\[\s*([^\]]+?)\s*\]\s*(?:[#;].*)?")
 _INCLUDE = "include "
-_SAVED = "#*#"  # begins the lines that SAVE_CONFIG has written; they count
+_SAVED_PREFIX = "#*#"  # begins the lines that SAVE_CONFIG has written; they count
 _LETTERS = "xyz"
 _LONGEST_NAME = 40
 
@@ -27,7 +27,7 @@ _CORNER = 5.0  # [mm/s]
 _SHAPER = "mzv"
 _DAMPING = 0.1
 
-_SHARED = tuple(name for name in ADDITIONS if name in ("zv", "zvd"))  # shapers that are laws of the servo too
+_SHARED_SHAPERS = tuple(name for name in ADDITIONS if name in ("zv", "zvd"))  # shapers that are laws of the servo too
 
 
 @dataclass(frozen=True)
@@ -195,9 +195,9 @@ class PrinterConfig:
             if shaper is not None
         )
         kinds = {shaper.kind for shaper in used}
-        if len(kinds) > 1 or not kinds <= set(_SHARED):
+        if len(kinds) > 1 or not kinds <= set(_SHARED_SHAPERS):
             return [], [
-                f"input shapers {in_words} are not simulated: the laws have one of {', '.join(_SHARED)} for all"
+                f"input shapers {in_words} are not simulated: the laws have one of {', '.join(_SHARED_SHAPERS)} for all"
             ]
         if set(modes) != {"torque"}:
             return [], [f"input shapers {in_words} are not simulated: laws need drives in mode 'torque'"]
@@ -217,14 +217,15 @@ def _add_file(path: Path, sections: dict[str, dict[str, str]], files: IncludedFi
     """Add the options of a file and of those that it includes; the last value of an option counts."""
     section: dict[str, str] = {}
     for line in files.text(path, depth).splitlines():
-        content = line.removeprefix(_SAVED)
+        content = line.removeprefix(_SAVED_PREFIX)
         heading = _SECTION.fullmatch(content.strip())
         if heading and heading[1].startswith(_INCLUDE):
             for file in _included_files(path.parent / expanded_path(heading[1].removeprefix(_INCLUDE).strip())):
                 _add_file(file, sections, files, depth + 1)
         elif heading:
             section = sections.setdefault(heading[1].lower(), {})
-        elif not content[:1].isspace() or line.startswith(_SAVED):  # else a further line of a value, such as a macro
+        # else a further line of a value, such as a macro
+        elif not content[:1].isspace() or line.startswith(_SAVED_PREFIX):
             option = re.fullmatch(r"\s*([\w.-]+)\s*[:=]\s*([^#;]*?)\s*(?:[#;].*)?", content)
             if option:
                 section[option[1].lower()] = option[2]

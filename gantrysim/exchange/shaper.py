@@ -22,8 +22,8 @@ SHAPERS = ("zv", "mzv", "ei")
 _SHAPED = ("x", "y", "z")
 _VIBRATION = 0.05  # that EI leaves at the frequency itself
 _LARGEST_DAMPING = 0.99
-_REAL = 1e-6  # imaginary part of a zero that is rounding, of its size
-_FASTEST = 2 * math.pi * 1e5  # of a zero that is not infinite but for rounding [1/s]
+_REAL_ZERO = 1e-6  # imaginary part of a zero that is rounding, of its size
+_FASTEST_ZERO = 2 * math.pi * 1e5  # of a zero that is not infinite but for rounding [1/s]
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def first_mode(axis: Axis) -> Mode | None:
     if axis.motion is None:
         raise InputError(f"axis {axis.name}: its actuator has a delay in the MJCF, so its modes are not known")
     zeros = _zeros(axis.motion)
-    swinging = zeros[zeros.imag > _REAL * np.abs(zeros)]
+    swinging = zeros[zeros.imag > _REAL_ZERO * np.abs(zeros)]
     if not swinging.size:
         return None
     zero = swinging[np.abs(swinging).argmin()]
@@ -69,7 +69,7 @@ def _zeros(motion: Motion) -> Complexes:
     whole[n, :n] = motion.C[0] / np.abs(motion.C).max()
     shift = np.diag([*np.ones(n), 0.0])
     zeros = eigvals(whole, shift)
-    return zeros[np.isfinite(zeros) & (np.abs(zeros) < _FASTEST)]
+    return zeros[np.isfinite(zeros) & (np.abs(zeros) < _FASTEST_ZERO)]
 
 
 def pulses(kind: str, frequency: float, damping: float) -> tuple[Floats, Floats]:

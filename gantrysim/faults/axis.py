@@ -10,8 +10,8 @@ from typing import Any, Literal
 from gantrysim.base.errors import at_least, finite
 from gantrysim.faults.fault import MOTOR, FaultAxis, Lasting, acts_at_tick
 
-SEIZED = 1e9  # friction of a seized axis [N or N·m]
-_RIGID = (0.9999, 0.9999, 0.001, 0.5, 2)  # impedance of its friction; MuJoCo's own lets it creep
+SEIZED_FRICTION = 1e9  # friction of a seized axis [N or N·m]
+_RIGID_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2)  # impedance of its friction; MuJoCo's own lets it creep
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,9 +48,9 @@ class StuckAxis(Lasting):
         """Add MuJoCo's dry friction (`frictionloss`), solved with all other forces, to the joint of the axis."""
         joint = model.actuator_trnid[axis, 0]
         dof = model.jnt_dofadr[joint]
-        model.dof_frictionloss[dof] += min(self.friction, SEIZED)
+        model.dof_frictionloss[dof] += min(self.friction, SEIZED_FRICTION)
         model.dof_solref[dof] = 2 * model.opt.timestep, 1.0
-        model.dof_solimp[dof] = _RIGID
+        model.dof_solimp[dof] = _RIGID_IMPEDANCE
 
 
 def turn_ahead(row: Any, fault: Any) -> None:

@@ -21,44 +21,44 @@ from gantrysim.base.errors import InputError
 from gantrysim.identify.friction_law import FrictionLaw, friction_law
 from gantrysim.identify.minimum import Minimum, PredictionError, refined_minimum
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.pieces import WHOLE, Starts, bounds, by_piece, gradient, inside, smoothed
+from gantrysim.identify.pieces import WHOLE_LOG, Starts, bounds, by_piece, gradient, inside, smoothed
 from gantrysim.identify.prediction import Course, first_speed
 from gantrysim.identify.result import MODE, PARAMETERS, WHITE, AxisFit, Estimate
 from gantrysim.identify.torque_regression import TorqueRegression
 from gantrysim.identify.whiteness import LAGS
 
 _WIDTH = 0.004  # standard deviation of the filter for differentiation [s]
-_MOVING = 0.02  # share of the highest speed from which an axis slides
-_AROUND = 0.02  # time around a motion that counts as its own [s]
-_SLIDING = 0.9  # share of the samples around one that must be in motion
+_MOVING_SPEED = 0.02  # share of the highest speed from which an axis slides
+_TIME_AROUND_MOTION = 0.02  # time around a motion that counts as its own [s]
+_SLIDING_SHARE = 0.9  # share of the samples around one that must be in motion
 _LEAST_SAMPLES = 500
-_STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
-_SHARES = (0.7, 1.0, 1.4)
+_START_STIFFNESSES = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
+_GRID_SHARES = (0.7, 1.0, 1.4)
 # Reach of a log, of its sampling rate. A held demand is known between its samples; the torque of a motor is not: linear
 # in between, it is right to 3 % at a tenth of the rate, and to 40 % at four tenths.
-_HELD = 0.5
-_SAMPLED = 0.1
+_HELD_REACH = 0.5
+_SAMPLED_REACH = 0.1
 _DELAYS = 2  # samples
 _GAPS = np.geomspace(5, 2000, 48)  # grid of the start, in standard deviations of the counts
-_HIDDEN = (0.7, 0.85, 1.0, 1.2)  # stiffness of that start, of the nominal
-_CALM = 0.03  # torque noise of that start, of the torque's deviation
+_HIDDEN_STIFFNESSES = (0.7, 0.85, 1.0, 1.2)  # stiffness of that start, of the nominal
+_START_NOISE = 0.03  # torque noise of that start, of the torque's deviation
 _NOISE = 0.02  # torque noise of the first start, of the torque's deviation
 _GAIN = 25.0  # fall of n log(sum of squares) from which a gap counts
 _COARSE_STEP = 3e-3  # difference of the variables with a gap: contact makes the cost non-smooth
 _DEFLECTIONS = (0.03, 0.1, 0.3, 1.0, 3.0)  # of the bristles, of the table's: from no presliding to much
-_LOWEST = 15.0  # frequency of a mode that the table does not have [Hz]
-_NEAREST = 0.9  # the highest, of the log's reach
+_LOWEST_FREQUENCY = 15.0  # frequency of a mode that the table does not have [Hz]
+_HIGHEST_SHARE = 0.9  # the highest, of the log's reach
 _FREQUENCIES = 16
 _ANY_SHARE = (0.1, 0.3, 0.6, 0.85)
 _DAMPING_RATIO = 0.03
 _FIRST_EVALUATIONS = 6  # evaluations of a first fit
-_UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
+_UNSEEN_INTERVAL = 0.5  # half interval from which a mode or a gap is not seen, of its value
 
-_RIGID = ("inertia", "viscous", "coulomb", "excess", "offset", "delay")
+_RIGID_PARAMETERS = ("inertia", "viscous", "coulomb", "excess", "offset", "delay")
 
 
 def regression(
-    position: Floats, torque: Floats, period: float, starts: Starts = WHOLE
+    position: Floats, torque: Floats, period: float, starts: Starts = WHOLE_LOG
 ) -> tuple[float, float, float, float]:
     """Return J, b, Fc and offset of torque = J a + b v + Fc sign v + offset, by least squares [N·m and u].
 
@@ -82,9 +82,9 @@ def regression(
     smooth = smoothed(torque, width, starts)
     speed = gradient(smoothed(position, width, starts), period, starts)
     acceleration = gradient(speed, period, starts)
-    least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
+    least = _MOVING_SPEED * float(np.quantile(np.abs(speed), 0.99))
     slides = np.abs(speed) > least
-    chosen = smoothed(slides.astype(np.float64), width, starts) > _SLIDING
+    chosen = smoothed(slides.astype(np.float64), width, starts) > _SLIDING_SHARE
     # the filter reaches beyond the log
     chosen &= inside(position.size, starts, round(4 * width))
     if not least > 0 or chosen.sum() < 8 * width:
@@ -94,9 +94,9 @@ def regression(
     return inertia, viscous, coulomb, offset
 
 
-def in_motion(position: Floats, period: float, resolution: float, starts: Starts = WHOLE) -> NDArray[np.bool_]:
+def in_motion(position: Floats, period: float, resolution: float, starts: Starts = WHOLE_LOG) -> NDArray[np.bool_]:
     """Return whether each sample is near a motion of more than a count per few samples, (n,) bool."""
-    reach = max(round(_AROUND / period), 1)
+    reach = max(round(_TIME_AROUND_MOTION / period), 1)
 
     def farthest(piece: Floats) -> Floats:
         after = np.concatenate([piece[reach:], np.full(min(reach, piece.size), piece[-1])])
@@ -128,7 +128,7 @@ class AxisLog:
     position: Floats
     torque: Floats
     held: bool
-    starts: Starts = WHOLE
+    starts: Starts = WHOLE_LOG
 
 
 def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = lambda: None) -> AxisFit:
@@ -167,7 +167,7 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
     )
     best, without_mode = _fitted_model(error, start)
     if error.correlation(best) > WHITE:
-        best = _with_another_mode(error, best, without_mode, (_HELD if log.held else _SAMPLED) / log.period)
+        best = _with_another_mode(error, best, without_mode, (_HELD_REACH if log.held else _SAMPLED_REACH) / log.period)
     if nominal.share and error.correlation(best) > WHITE:
         best = _with_gap(error, best, replace(without_mode, deflection=nominal.deflection))
     prediction = error.prediction(best.model, best.noise)
@@ -190,7 +190,7 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
         innovations=prediction.innovations,
         directions=prediction.directions,
         start=(inertia, viscous, coulomb),
-        highest=(_HELD if log.held else _SAMPLED) / log.period,
+        highest=(_HELD_REACH if log.held else _SAMPLED_REACH) / log.period,
         position=error.position,
         torque=error.torque,
         held=log.held,
@@ -282,27 +282,27 @@ def _fitted_model(error: PredictionError, start: AxisModel) -> tuple[Minimum, Ax
     nearest = min(delayed, key=lambda model: error.cost(model, noise))
     bristles = [replace(nearest, deflection=factor * nearest.deflection) for factor in _DEFLECTIONS]
     nearest = min(bristles, key=lambda model: error.cost(model, noise))
-    rigid = refined_minimum(error, nearest, noise, list(_RIGID), _FIRST_EVALUATIONS)
+    rigid = refined_minimum(error, nearest, noise, list(_RIGID_PARAMETERS), _FIRST_EVALUATIONS)
     # beyond half the rate, samples do not show the table's mode
-    if not start.resonance < _HELD / error.period:
-        fits = [refined_minimum(error, rigid.model, rigid.noise, list(_RIGID))]
+    if not start.resonance < _HELD_REACH / error.period:
+        fits = [refined_minimum(error, rigid.model, rigid.noise, list(_RIGID_PARAMETERS))]
         # nothing says that the table's mode is right either
         if start.share:
-            fits.append(refined_minimum(error, replace(rigid.model, share=0.0), rigid.noise, list(_RIGID)))
+            fits.append(refined_minimum(error, replace(rigid.model, share=0.0), rigid.noise, list(_RIGID_PARAMETERS)))
         best = min(fits, key=lambda fit: fit.cost)
         return best, best.model
     grid = [
         replace(rigid.model, share=share * start.share, stiffness=factor * start.stiffness)
-        for share in _SHARES
-        for factor in _STIFF
+        for share in _GRID_SHARES
+        for factor in _START_STIFFNESSES
         if share * start.share < 1
     ]
     nearest = min(grid, key=lambda model: error.cost(model, rigid.noise))
-    swinging = refined_minimum(error, nearest, rigid.noise, [*_RIGID, *MODE])
-    if any(swinging.relative(name) > _UNSEEN for name in ("share", "stiffness")):
+    swinging = refined_minimum(error, nearest, rigid.noise, [*_RIGID_PARAMETERS, *MODE])
+    if any(swinging.relative(name) > _UNSEEN_INTERVAL for name in ("share", "stiffness")):
         # the log does not show the mode: that of the MJCF stays
         model = replace(swinging.model, share=start.share, stiffness=start.stiffness, damping=start.damping)
-        return refined_minimum(error, model, swinging.noise, list(_RIGID)), model
+        return refined_minimum(error, model, swinging.noise, list(_RIGID_PARAMETERS)), model
     return swinging, rigid.model
 
 
@@ -318,17 +318,17 @@ def _with_another_mode(error: PredictionError, best: Minimum, without_mode: Axis
         highest: frequency up to which the log shows a mode [Hz].
     """
     grid = []
-    for frequency in np.geomspace(_LOWEST, _NEAREST * highest, _FREQUENCIES):
+    for frequency in np.geomspace(_LOWEST_FREQUENCY, _HIGHEST_SHARE * highest, _FREQUENCIES):
         for share in _ANY_SHARE:
             reduced = without_mode.inertia * share * (1 - share)
             stiffness = reduced * (2 * math.pi * float(frequency)) ** 2
             damping = 2 * _DAMPING_RATIO * math.sqrt(stiffness * reduced)
             grid.append(replace(without_mode, share=share, stiffness=stiffness, damping=damping))
     # the fitted one has taken the missing mode for noise
-    noise = _CALM * float(np.std(error.torque))
+    noise = _START_NOISE * float(np.std(error.torque))
     nearest = min(grid, key=lambda model: error.cost(model, noise))
-    other = refined_minimum(error, nearest, noise, [*_RIGID, *MODE])
-    seen = all(other.relative(name) < _UNSEEN for name in ("share", "stiffness"))
+    other = refined_minimum(error, nearest, noise, [*_RIGID_PARAMETERS, *MODE])
+    seen = all(other.relative(name) < _UNSEEN_INTERVAL for name in ("share", "stiffness"))
     if not seen or not other.model.resonance < highest or error.correlation(other) > WHITE:
         return best
     # samples fold a mode beyond half their rate to below: the mode of the table must not explain the log as well
@@ -340,9 +340,9 @@ def _cost_near_table(error: PredictionError, model: AxisModel, noise: float) -> 
     """Return the cost of a fit with a mode near that of the table, even beyond the log's rate; inf without a mode."""
     if not model.share:
         return math.inf
-    grid = [replace(model, stiffness=factor * model.stiffness) for factor in _STIFF]
+    grid = [replace(model, stiffness=factor * model.stiffness) for factor in _START_STIFFNESSES]
     nearest = min(grid, key=lambda near: error.cost(near, noise))
-    return refined_minimum(error, nearest, noise, [*_RIGID, *MODE]).cost
+    return refined_minimum(error, nearest, noise, [*_RIGID_PARAMETERS, *MODE]).cost
 
 
 def _with_gap(error: PredictionError, best: Minimum, without_mode: AxisModel) -> Minimum:
@@ -354,19 +354,19 @@ def _with_gap(error: PredictionError, best: Minimum, without_mode: AxisModel) ->
         without_mode: a model with mode and bristles of the MJCF: a backlash hides the mode and looks like presliding,
             and the fit has bent both.
     """
-    noise = _CALM * float(np.std(error.torque))
+    noise = _START_NOISE * float(np.std(error.torque))
     starts = [start for filled in (False, True) for start in _starts(error, best.model, without_mode, noise, filled)]
     likely = [start for start in dict.fromkeys(starts) if error.cost(start, noise) < best.cost]
     # another structure is missing
     if not likely:
         return best
     fits = [
-        refined_minimum(error, start, noise, [*_RIGID, *MODE, "gap"], 2 * _FIRST_EVALUATIONS, _COARSE_STEP)
+        refined_minimum(error, start, noise, [*_RIGID_PARAMETERS, *MODE, "gap"], 2 * _FIRST_EVALUATIONS, _COARSE_STEP)
         for start in likely
     ]
     gapped = min(fits, key=lambda fit: fit.cost)
     gain = error.used.sum() * math.log(best.cost / gapped.cost)
-    return gapped if gain > _GAIN and gapped.relative("gap") < _UNSEEN else best
+    return gapped if gain > _GAIN and gapped.relative("gap") < _UNSEEN_INTERVAL else best
 
 
 def _starts(
@@ -376,7 +376,7 @@ def _starts(
 
     Arguments are as of `_with_gap`, and whether grease fills the gap.
     """
-    stiff = [replace(without_mode, stiffness=factor * without_mode.stiffness) for factor in _HIDDEN]
+    stiff = [replace(without_mode, stiffness=factor * without_mode.stiffness) for factor in _HIDDEN_STIFFNESSES]
     models = [replace(model, deflection=fitted.deflection, filled=filled) for model in (fitted, *stiff)]
     grid = [replace(model, gap=gap * error.size) for model in models for gap in _GAPS]
     nearest = min(grid, key=lambda model: error.cost(model, noise))

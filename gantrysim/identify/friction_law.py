@@ -21,7 +21,7 @@ from gantrysim.identify.friction_terms import (
     OWN,
     PERIODIC,
     POSITION,
-    POSITIVE,
+    POSITIVE_TERMS,
     SQUARE,
     STRIBECK,
     Term,
@@ -37,13 +37,13 @@ _MOST_LOAD = 0.5  # friction by load, of the motor's torque
 _GAIN = 0.05  # least share of the remaining torque's variance that a term explains
 _SIGNIFICANT_TERM = 16.0  # least squared coefficient over its variance, per coefficient
 _STRIBECK_SPEEDS = (0.45, 1.5, 4.5)  # that are tried, times the table's
-_LONGEST = 1 / 3  # period over the travel, of the log's travel: of a longer one nothing shows that it repeats
+_LONGEST_PERIOD = 1 / 3  # period over the travel, of the log's travel: of a longer one nothing shows that it repeats
 _LONGEST_SEARCHED = 2.0  # period up to which the search looks for what a shorter wave would imitate, of the travel
-_SHORTEST = 1 / 80  # the same
+_SHORTEST_PERIOD = 1 / 80  # the same
 _HELD_OUT = 0.5  # least gain of a wave in parts that it was not fitted to, of its gain where it was
-_TIMES = 3  # parts of the time, of which one at a time is left out
-_PLACES = 4  # of the travel
-_STEP = 0.25  # of the scan, in periods over the whole travel
+_TIME_PARTS = 3  # parts of the time, of which one at a time is left out
+_TRAVEL_PLACES = 4  # of the travel
+_SCAN_STEP = 0.25  # of the scan, in periods over the whole travel
 _PEAKS = 3  # of the scan that are tried
 _FINE_SCAN = (-0.25, -0.125, 0.0, 0.125, 0.25)  # around a peak, in periods over the whole travel
 
@@ -118,7 +118,7 @@ def _candidates(
     for term in tried:
         extended = regression.solved((*terms, term))
         values = extended.values[first:]
-        if term.kind in POSITIVE and values[0] < 0:
+        if term.kind in POSITIVE_TERMS and values[0] < 0:
             continue
         # where the torque never brakes, its size in the direction of motion is the torque itself
         if term.kind == LOAD and values[0] > _MOST_LOAD:
@@ -135,7 +135,7 @@ def _repeats(regression: TorqueRegression, without: Solution, candidate: Candida
     or is no wave, does not repeat there.
     """
     position = regression.motion.position[regression.slides]
-    for values, count in ((np.arange(position.size, dtype=np.float64), _TIMES), (position, _PLACES)):
+    for values, count in ((np.arange(position.size, dtype=np.float64), _TIME_PARTS), (position, _TRAVEL_PLACES)):
         edges = np.linspace(values.min(), values.max(), count + 1)[1:-1]
         part = np.searchsorted(edges, values)
         before = sum(_held_out(without, part == k) for k in range(count))
@@ -165,7 +165,7 @@ def _periodic(regression: TorqueRegression, solution: Solution, kind: str) -> Te
     if not travel > 0:
         return None
     direction = regression.motion.direction[regression.slides] if kind == POSITION else 1.0
-    waves = np.arange(1 / _LONGEST_SEARCHED, 1 / _SHORTEST, _STEP) / travel
+    waves = np.arange(1 / _LONGEST_SEARCHED, 1 / _SHORTEST_PERIOD, _SCAN_STEP) / travel
     weighted = solution.remainder * direction
     phases = 2j * np.pi * position
     power = np.array([abs(np.sum(weighted * np.exp(wave * phases))) for wave in waves])
@@ -185,7 +185,7 @@ def _periodic(regression: TorqueRegression, solution: Solution, kind: str) -> Te
     near = (max(best - half, waves[0]), min(best + half, waves[-1]))
     minimum = minimize_scalar(unexplained, bounds=near, method="bounded", options={"xatol": 0.02 * half})
     period = 1 / float(minimum.x)
-    return Term(kind, period) if period <= _LONGEST * travel else None
+    return Term(kind, period) if period <= _LONGEST_PERIOD * travel else None
 
 
 def _peaks(waves: Floats, power: Floats, apart: float) -> list[float]:
@@ -203,13 +203,13 @@ def _peaks(waves: Floats, power: Floats, apart: float) -> list[float]:
 # largest significant change without a part. By the truth of 178 random axes with nine laws of friction.
 _SCATTER = 2.25
 _PART = 1 / 3
-_NARROW = 6  # parts of the travel
+_TRAVEL_PARTS = 6  # parts of the travel
 # deviation that no log undercuts, of the value
 _LEAST_DEVIATION = {"viscous": 0.015, "viscous_forward": 0.015, "viscous_back": 0.015, "coulomb": 0.01}
 _OFFSET = 0.01  # the same of the constant torque, of the Coulomb friction
 _LOAD = 0.03  # deviation of Coulomb friction beside a friction by load, which it resembles, of its value
-_SIGNIFICANT = 3.0  # standard deviations from which a change without a part of the log counts
-_FEWEST = 200  # samples of a part, and of what remains
+_SIGNIFICANT_CHANGE = 3.0  # standard deviations from which a change without a part of the log counts
+_PART_SAMPLES = 200  # samples of a part, and of what remains
 
 
 def friction_law(regression: TorqueRegression, used: NDArray[np.bool_], stribeck: float, unit: str) -> FrictionLaw:
@@ -226,7 +226,7 @@ def friction_law(regression: TorqueRegression, used: NDArray[np.bool_], stribeck
     motion = regression.motion
     masks = partitions(motion.position, motion.torque, used, regression.period, regression.starts)
     # quarters of the travel average a wave of their own length out
-    unevenness = _unevenness(regression, solution, {**masks, "place": as_wide(motion.position, used, _NARROW)})
+    unevenness = _unevenness(regression, solution, {**masks, "place": as_wide(motion.position, used, _TRAVEL_PARTS)})
     return FrictionLaw(
         estimates=_estimates(terms, solution, others, _without_parts(regression, solution, masks)),
         terms=terms,
@@ -335,7 +335,7 @@ def _without_parts(
     for parts in masks.values():
         for part in parts:
             inside = part[regression.slides]
-            if min(inside.sum(), (~inside).sum()) < _FEWEST:
+            if min(inside.sum(), (~inside).sum()) < _PART_SAMPLES:
                 continue
             # the normal equations without the part; the remainder is orthogonal to the whole matrix
             inner = matrix[inside]
@@ -358,7 +358,7 @@ def _moved_by_part(solution: Solution, without: list[_WithoutPart], quantity: Fl
     for part in without:
         share = math.sqrt(known / max(float(quantity @ part.inverse @ quantity), 1e-300))
         change = abs(float(quantity @ part.change)) * min(share, 1.0)
-        if change > _SIGNIFICANT * deviation:
+        if change > _SIGNIFICANT_CHANGE * deviation:
             largest = max(largest, change)
     return largest
 
@@ -374,7 +374,7 @@ def _unevenness(
         sizes = [0.0]
         for part in parts:
             inside = part[regression.slides]
-            if inside.sum() >= _FEWEST:
+            if inside.sum() >= _PART_SAMPLES:
                 values = friction[inside]
                 deviation = np.sqrt(regression.variance_of_sum(values - values.mean())) / values.size
                 sizes.append(abs(float(values.mean())) - 2 * float(deviation))

@@ -32,7 +32,7 @@ POSITION = "position"
 COGGING = "cogging"
 OWN = (DIRECTION, COGGING)  # whose torque does not turn with the motion
 PERIODIC = (POSITION, COGGING)
-POSITIVE = (SQUARE, LOAD, STRIBECK)  # negative, they would drive the axis, or be another term
+POSITIVE_TERMS = (SQUARE, LOAD, STRIBECK)  # negative, they would drive the axis, or be another term
 
 
 class Motion(NamedTuple):

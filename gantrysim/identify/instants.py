@@ -18,11 +18,11 @@ from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError
 from gantrysim.identify.sizes import share_words
 
-EVEN = 0.1  # largest deviation of a time stamp from an even one, of the period
-_JUMP = 1.5  # between two stamps, from which rows are missing, of the usual step
-_AGREEING = 0.01  # largest difference between a given period and that of the stamps, of the period
-FEWEST = 100  # rows of a log
-SHORTEST = 20  # rows of a piece
+EVEN_STAMP = 0.1  # largest deviation of a time stamp from an even one, of the period
+_MISSING_ROWS = 1.5  # between two stamps, from which rows are missing, of the usual step
+_AGREEING_PERIOD = 0.01  # largest difference between a given period and that of the stamps, of the period
+LOG_ROWS = 100  # rows of a log
+PIECE_ROWS = 20  # rows of a piece
 _NAMED = 3  # places that a note names
 
 
@@ -60,14 +60,14 @@ def instants_of(whole: NDArray[np.bool_], time: Floats | None, period: float | N
         whole = whole & np.isfinite(time)
     stretches = [slice(int(begin), int(end)) for begin, end in spans(whole)]
     pieces = stretches if time is None else [part for piece in stretches for part in _parts(time, piece, period)]
-    used = tuple(piece for piece in pieces if _size(piece) >= SHORTEST)
+    used = tuple(piece for piece in pieces if _size(piece) >= PIECE_ROWS)
     samples = sum(map(_size, used))
-    if samples < FEWEST:
-        if time is not None and period is None and max(map(_size, stretches), default=0) >= FEWEST:
+    if samples < LOG_ROWS:
+        if time is not None and period is None and max(map(_size, stretches), default=0) >= LOG_ROWS:
             # no row is missing, but hardly a stamp is even
             _even_period(time, stretches, first)
-        without = "" if samples == whole.size else f" in pieces of at least {SHORTEST} without a gap"
-        raise InputError(f"has {samples} samples{without}, must have at least {FEWEST}")
+        without = "" if samples == whole.size else f" in pieces of at least {PIECE_ROWS} without a gap"
+        raise InputError(f"has {samples} samples{without}, must have at least {LOG_ROWS}")
     if time is None:
         begins = tuple(float(period or 0.0) * piece.start for piece in used)
         return _with_notes(whole.size, used, begins, float(period or 0.0))
@@ -87,12 +87,12 @@ def _parts(time: Floats, rows: slice, period: float | None) -> list[slice]:
     if not steps.size:
         return [rows]
     if period is None:
-        longest = _JUMP * float(np.median(steps))
+        longest = _MISSING_ROWS * float(np.median(steps))
     else:
         # rounded stamps stand still for rows, or vary by what the period is not a multiple of
         shortest = float(steps[steps > 0].min(initial=np.inf))
         rounding = shortest if (steps == 0).any() else max(period - shortest, 0.0)
-        longest = _JUMP * period + rounding
+        longest = _MISSING_ROWS * period + rounding
     bounds = [rows.start, *(rows.start + 1 + np.flatnonzero((steps > longest) | (steps < 0))).tolist(), rows.stop]
     return [slice(a, b) for a, b in pairwise(bounds)]
 
@@ -117,11 +117,11 @@ def _even_period(time: Floats, pieces: Sequence[slice], first: int) -> float:
             )
         late = np.abs(stamps - stamps[0] - period * np.arange(stamps.size))
         worst = int(np.argmax(late))
-        if late[worst] > EVEN * period:
+        if late[worst] > EVEN_STAMP * period:
             raise InputError(
                 f"its samples are not even: at t = {stamps[worst]:g} s one is off by "
                 f"{share_words(late[worst] / period, 3)} the period, {1e3 * period:.4g} ms: must be within "
-                f"{share_words(EVEN)} it; {cure}"
+                f"{share_words(EVEN_STAMP)} it; {cure}"
             )
     return period
 
@@ -139,15 +139,15 @@ def _rounded_stamps(time: Floats, pieces: Sequence[slice], period: float) -> str
         rounding = float(steps[steps > 0].min(initial=np.inf))
         length = (stamps.size - 1) * period
         lasting = float(stamps[-1] - stamps[0])
-        if abs(lasting - length) > _AGREEING * length + max(rounding, period):
+        if abs(lasting - length) > _AGREEING_PERIOD * length + max(rounding, period):
             raise InputError(
                 f"period = {period:g} s is given, but {stamps.size} rows last {lasting:.4g} s by their time, "
-                f"{lasting / (stamps.size - 1):.4g} s each: must agree within {share_words(_AGREEING)} it"
+                f"{lasting / (stamps.size - 1):.4g} s each: must agree within {share_words(_AGREEING_PERIOD)} it"
             )
         ticks = np.arange(stamps.size)
         late = stamps - np.polyval(np.polyfit(ticks, stamps, 1), ticks)
         worst = max(worst, 0.5 * float(np.ptp(late)))
-    if worst <= EVEN * period:
+    if worst <= EVEN_STAMP * period:
         return ""
     return (
         f"log: its time stamps are off even ones by up to {share_words(worst / period)} the period; its samples are "

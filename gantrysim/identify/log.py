@@ -389,7 +389,7 @@ def _chosen_axes(
 # Velocities: integrated where there is no position, and compared with it where there is one.
 
 _WINDOW = 0.05  # over which a velocity is compared with the change of the position, well above a drive's filter [s]
-_AGREEING = 0.1  # largest difference of their sizes
+_AGREEING_SIZES = 0.1  # largest difference of their sizes
 _LEAST_CORRELATION = 0.9  # of a velocity with the change of the position that it is of
 _FEWEST_WINDOWS = 8
 
@@ -414,7 +414,7 @@ class _Agreement(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        return abs(self.size - 1) <= _AGREEING and self.correlation >= _LEAST_CORRELATION
+        return abs(self.size - 1) <= _AGREEING_SIZES and self.correlation >= _LEAST_CORRELATION
 
 
 def _agreement(position: Floats, velocity: Floats, starts: Sequence[int], period: float) -> _Agreement | None:
@@ -461,11 +461,11 @@ def _agreement_words(axis: Axis, agreement: _Agreement | None, unit: str) -> str
     else:
         known = KINDS[_SPEEDS[axis.unit]]
         size = agreement.size / known.get(unit, 1.0)
-        meant = [name for name, factor in known.items() if abs(size * factor - 1) < _AGREEING / 2]
+        meant = [name for name, factor in known.items() if abs(size * factor - 1) < _AGREEING_SIZES / 2]
         hint = f" ({' or '.join(meant)} read as {unit}?)" if meant else ""
         words = (
             f"its velocity is {times_words(agreement.size)} the change of its position per time{hint}, must be "
-            f"{1 - _AGREEING:g} to {1 + _AGREEING:g} times"
+            f"{1 - _AGREEING_SIZES:g} to {1 + _AGREEING_SIZES:g} times"
         )
     raise InputError(
         f"axis {axis.name}: {words}; name one of the two by --column, the other is then not read, or check both"

@@ -13,18 +13,18 @@ from scipy.optimize import least_squares, minimize
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.friction_terms import CONFIDENCE
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.pieces import WHOLE, Starts
+from gantrysim.identify.pieces import WHOLE_LOG, Starts
 from gantrysim.identify.prediction import Course, Prediction, Samples, prediction
 from gantrysim.identify.result import MODE, PARAMETERS, SYSTEMATIC, Estimate, Sensitivity
 from gantrysim.identify.whiteness import correlation, covariance_of
 
-DIFFERENCE = 3e-4  # of the variables, for the slopes
+SLOPE_STEP = 3e-4  # of the variables, for the slopes
 _EVALUATIONS = 30
-_REACH = 1.2  # change of the logarithms of the mode's parameters in one fit
+_MODE_CHANGE = 1.2  # change of the logarithms of the mode's parameters in one fit
 _NOISE_REACH = 12.0  # the same of the torque noise
-_DIVERGED = 1e9  # residual of a model whose prediction diverges
-_BOUNDED = ("viscous", "coulomb", "excess", "gap")  # at least zero
-_POSITIVE = ("inertia", "stiffness", "damping")  # fitted by their logarithms
+_DIVERGED_RESIDUAL = 1e9  # residual of a model whose prediction diverges
+_BOUNDED_PARAMETERS = ("viscous", "coulomb", "excess", "gap")  # at least zero
+_POSITIVE_PARAMETERS = ("inertia", "stiffness", "damping")  # fitted by their logarithms
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class PredictionError:
     size: float
     progress: Callable[[], None]
     course: Course | None = None
-    starts: Starts = WHOLE
+    starts: Starts = WHOLE_LOG
     speeds: tuple[float, ...] = (0.0,)
     first: int = 0
 
@@ -71,7 +71,7 @@ class PredictionError:
         """
         self.progress()
         residual = self.prediction(model, noise).innovations[self.used] / self.size
-        return np.clip(np.nan_to_num(residual, nan=_DIVERGED), -_DIVERGED, _DIVERGED)
+        return np.clip(np.nan_to_num(residual, nan=_DIVERGED_RESIDUAL), -_DIVERGED_RESIDUAL, _DIVERGED_RESIDUAL)
 
     def cost(self, model: AxisModel, noise: float) -> float:
         """Return the sum of squares of the residual."""
@@ -131,7 +131,7 @@ def refined_minimum(
     noise: float,
     names: list[str],
     evaluations: int = _EVALUATIONS,
-    difference: float = DIFFERENCE,
+    difference: float = SLOPE_STEP,
 ) -> Minimum:
     """Return the minimum of the prediction error near a model.
 
@@ -197,11 +197,11 @@ class _Variables:
         values = {}
         for name, unit, change in zip(self.names, self.units, x, strict=False):
             value = getattr(self.model, name)
-            if name in _POSITIVE:
+            if name in _POSITIVE_PARAMETERS:
                 values[name] = value * math.exp(change)
             elif name == "share":  # by its logit, so that it stays between 0 and 1
                 values[name] = 1 / (1 + (1 / value - 1) * math.exp(-change))
-            elif name in _BOUNDED:
+            elif name in _BOUNDED_PARAMETERS:
                 values[name] = max(value + unit * change, 0.0)
             else:
                 values[name] = value + unit * change
@@ -212,11 +212,11 @@ class _Variables:
         low = np.full(len(self.names) + 1, -np.inf)
         high = np.full(len(self.names) + 1, np.inf)
         for k, name in enumerate(self.names):
-            if name in _BOUNDED:
+            if name in _BOUNDED_PARAMETERS:
                 low[k] = -getattr(self.model, name) / self.units[k] - 1e-9
             elif name in MODE:  # further away another resonance would be fitted
-                low[k] = -_REACH
-                high[k] = _REACH
+                low[k] = -_MODE_CHANGE
+                high[k] = _MODE_CHANGE
         low[-1] = -_NOISE_REACH
         high[-1] = _NOISE_REACH
         return low, high
@@ -233,6 +233,6 @@ def _unit(model: AxisModel, name: str, error: PredictionError) -> float:
 
 def _slope(model: AxisModel, name: str, unit: float) -> float:
     """Return the change of a parameter per change of the variable that is fitted."""
-    if name in _POSITIVE:
+    if name in _POSITIVE_PARAMETERS:
         return float(getattr(model, name))
     return model.share * (1 - model.share) if name == "share" else unit

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 from gantrysim.identify.checks.judgement import INTERVAL, Judgement
 from gantrysim.identify.checks.parameters import BALANCE, PARTS_OF_LOG, PLAUSIBILITY
-from gantrysim.identify.checks.residual import CLIPPED, COUNTS, RESIDUAL, SMOOTHED
+from gantrysim.identify.checks.residual import CLIPPED_TORQUE, COUNTS, RESIDUAL, SMOOTHED
 from gantrysim.identify.checks.sampling import CHECK as SAMPLING
 from gantrysim.identify.identification import Identification, IdentifiedValue, friction_words, verdict
 from gantrysim.identify.log import Log
 from gantrysim.identify.plots import draw_course, draw_friction, draw_moves_response, draw_residuals, draw_values
-from gantrysim.identify.result import EDGE, KNOWN, LABELS, MODE, AxisFit
+from gantrysim.identify.result import EDGE, KNOWN_INTERVAL, LABELS, MODE, AxisFit
 from gantrysim.identify.sizes import share_words
 from gantrysim.identify.whole_run import WholeRun
 from gantrysim.report.document import Column, Section, Table
@@ -30,7 +30,7 @@ _FACTS = ("inertia", "viscous", "coulomb", "offset")  # shown large where they a
 # What another log must have, by the check that forbids a value, and by value where its interval is too wide.
 
 _SPEEDS = "moves at constant speeds, slow ones and up to the speed limit, forwards and back alike"
-_QUICK = "short, quick strokes, which sweep the spectrum, with the torque demand at every servo tick"
+_QUICK_STROKES = "short, quick strokes, which sweep the spectrum, with the torque demand at every servo tick"
 _BY_VALUE = {
     "inertia": "strokes with more acceleration: the torque must be well above friction",
     "viscous": _SPEEDS,
@@ -39,15 +39,15 @@ _BY_VALUE = {
     "coulomb": "moves at constant slow speeds, forwards and back alike, over the same travel",
     "static": "creeping moves below the Stribeck speed, with reversals, and an encoder of finer counts",
     "offset": "moves at equal speeds forwards and back, over the same travel",
-    "delay": _QUICK,
-    **dict.fromkeys((*MODE, "gap"), _QUICK),
+    "delay": _QUICK_STROKES,
+    **dict.fromkeys((*MODE, "gap"), _QUICK_STROKES),
 }
 _BY_CHECK = {
     **dict.fromkeys(
         (SAMPLING, RESIDUAL), "torque demand and encoder counts, unfiltered, at every servo tick, by one clock"
     ),
     COUNTS: "a log without missing rows, once the encoder counts reliably",
-    CLIPPED: "a wider range of the recorder, or weaker moves: the torque must not be cut",
+    CLIPPED_TORQUE: "a wider range of the recorder, or weaker moves: the torque must not be cut",
     SMOOTHED: "the counts of the encoder, neither filtered nor interpolated",
     PARTS_OF_LOG: "a longer log: each speed, torque and place of the travel several times, forwards and back",
     BALANCE: "a longer log of a warm machine: the same moves several times, over the whole travel",
@@ -83,7 +83,8 @@ def _sections(identification: Identification, log: Log, runs: Sequence[WholeRun]
     known = sum(value.identified for value in values)
     yield Section(
         "Summary",
-        f"{known} of {len(values)} values are identified: half their 95 % interval is within {KNOWN:.0%} of the value.",
+        f"{known} of {len(values)} values are identified: half their 95 % interval is within {KNOWN_INTERVAL:.0%} of "
+        "the value.",
         figure=drawn_plot(draw_values, values, _WIDTH, 1.2 + _ROW * len(values)),
         facts=list(_facts(values, runs)),
     )
@@ -160,7 +161,7 @@ class _Shown(NamedTuple):
         """Return torques below 0.1 N·m in mN·m, delays in ms, backlash in µm or mdeg, and stiffness in N/µm."""
         numbers = (value.nominal, value.value, value.low, value.high)
         large = value.unit == TORQUE and max(map(abs, numbers)) >= _SMALL_TORQUE
-        unit, factor = (value.unit, 1.0) if large else _SMALLER.get(value.unit, (value.unit, 1.0))
+        unit, factor = (value.unit, 1.0) if large else _SMALLER_UNITS.get(value.unit, (value.unit, 1.0))
         return cls(unit, *(factor * number for number in numbers))
 
     @property
@@ -175,7 +176,13 @@ class _Shown(NamedTuple):
         return f"{self.value:,.{places}f} ± {half:,.{places}f} {self.unit}".rstrip()
 
 
-_SMALLER = {TORQUE: ("mN·m", 1e3), "s": ("ms", 1e3), "mm": ("µm", 1e3), "deg": ("mdeg", 1e3), "N/m": ("N/µm", 1e-6)}
+_SMALLER_UNITS = {
+    TORQUE: ("mN·m", 1e3),
+    "s": ("ms", 1e3),
+    "mm": ("µm", 1e3),
+    "deg": ("mdeg", 1e3),
+    "N/m": ("N/µm", 1e-6),
+}
 _SMALL_TORQUE = 0.1  # [N·m]
 _MOST_PLACES = 6
 
@@ -253,11 +260,11 @@ def _next_log(identification: Identification) -> Table:
         # a check of one value alone has found that the log does not show it
         if value.name == _STATIC and PLAUSIBILITY in reasons:
             advice = [_BY_VALUE[_STATIC]]
-        for text in dict.fromkeys(advice) or [_BY_VALUE.get(value.name, _QUICK)]:
+        for text in dict.fromkeys(advice) or [_BY_VALUE.get(value.name, _QUICK_STROKES)]:
             wanted.setdefault(text, []).append(f"{value.axis}: {_label(value)}")
     for fit, judgement in zip(identification.fits, identification.judgements, strict=True):
         for finding in judgement.findings:
-            if finding.check in (CLIPPED, SMOOTHED):
+            if finding.check in (CLIPPED_TORQUE, SMOOTHED):
                 wanted.setdefault(_BY_CHECK[finding.check], []).append(f"{fit.axis}: all values")
         if fit.nominal.share and not fit.shows_mode:
             wanted.setdefault(_fast_log(fit), []).append(f"{fit.axis}: mode")

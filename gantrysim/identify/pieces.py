@@ -15,8 +15,8 @@ from scipy.ndimage import gaussian_filter1d
 from gantrysim.base.arrays import Floats
 
 Starts = tuple[int, ...]  # rows at which a piece begins, rising from 0
-WHOLE: Starts = (0,)
-_SMOOTH = 0.004  # standard deviation of the filter of speed and torque that sort samples [s]
+WHOLE_LOG: Starts = (0,)
+_SORTING_FILTER = 0.004  # standard deviation of the filter of speed and torque that sort samples [s]
 
 
 def by_piece(function: Callable[[Floats], Floats], values: Floats, starts: Starts) -> Floats:
@@ -59,7 +59,7 @@ def longest_piece(size: int, starts: Starts) -> slice:
 
 
 def partitions(
-    position: Floats, torque: Floats, used: NDArray[np.bool_], period: float, starts: Starts = WHOLE
+    position: Floats, torque: Floats, used: NDArray[np.bool_], period: float, starts: Starts = WHOLE_LOG
 ) -> dict[str, list[NDArray[np.bool_]]]:
     """Return masks over all samples, (n,) each, by the quantity in which parts differ; samples at rest are in none.
 
@@ -70,7 +70,7 @@ def partitions(
         period: of the samples [s].
         starts: of the pieces.
     """
-    width = max(_SMOOTH / period, 1.0)
+    width = max(_SORTING_FILTER / period, 1.0)
     speed = smoothed(gradient(position, period, starts), width, starts)
     size = np.abs(smoothed(torque, width, starts))
     time = np.arange(used.size, dtype=np.float64)

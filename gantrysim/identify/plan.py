@@ -15,15 +15,15 @@ from gantrysim.machine.machine import Machine
 
 COORDINATES = ("x", "y", "z", "r")  # that programs move, in the order of a controller's axes
 
-_ROOM = 0.35  # share of the travel that strokes use at most
-_LONGEST = 80.0  # stroke [u]
+_TRAVEL_SHARE = 0.35  # share of the travel that strokes use at most
+_LONGEST_STROKE = 80.0  # stroke [u]
 _EFFORT = 0.4  # share of the torque left by friction that the strongest acceleration takes
 _ACCELERATIONS = (0.25, 0.5, 1.0)  # of the strongest
 _SPEEDS = 6
-_FASTEST = 0.5  # of the speed limit
+_FASTEST_SHARE = 0.5  # of the speed limit
 _CRUISE = 0.3  # at a constant speed [s]
 _STROKES = 20  # strokes of a pass at the strongest acceleration
-_SHORTEST = 0.02  # of the longest of them
+_SHORTEST_SHARE = 0.02  # of the longest of them
 _SHORT_TIME = 0.03  # of the longest of them [s]
 _PASSES = 8
 _BLOCK = 1e-3  # least stroke [u]
@@ -69,7 +69,7 @@ def _of_axis(machine: Machine, index: int) -> list[Stroke]:
     model = model_of(machine, index)
     strongest = _rounded_value(_EFFORT * (axis.peak_torque - axis.coulomb) / axis.inertia)
     room = _room(axis)
-    fastest = min(_FASTEST * axis.speed_limit, math.sqrt(abs(room) * strongest / 2))
+    fastest = min(_FASTEST_SHARE * axis.speed_limit, math.sqrt(abs(room) * strongest / 2))
     slowest = min(0.5 * model.stribeck * model.scale, 0.1 * fastest)
     moves = []
     for speed in np.geomspace(slowest, fastest, _SPEEDS):
@@ -77,7 +77,7 @@ def _of_axis(machine: Machine, index: int) -> list[Stroke]:
         moves.append((min(abs(room), speed * _CRUISE + ramps), speed, 0.25 * strongest))
     moves += [(abs(room), fastest, share * strongest) for share in _ACCELERATIONS]
     longest = min(abs(room), strongest * _SHORT_TIME**2 / 4)
-    shares = np.geomspace(1.0, _SHORTEST, _STROKES * _PASSES)
+    shares = np.geomspace(1.0, _SHORTEST_SHARE, _STROKES * _PASSES)
     # each with strokes of its own, so that counts of the encoder average out
     for first in range(_PASSES):
         moves += [(longest * share, fastest, strongest) for share in shares[first::_PASSES]]
@@ -100,7 +100,7 @@ def _room(axis: Axis) -> float:
             f"axis {axis.name}: its travel is {low:g} to {high:g} {axis.unit}, must extend to both sides of zero"
         )
     side = 1.0 if high >= -low else -1.0
-    return side * min(_LONGEST, _ROOM * (high - low))
+    return side * min(_LONGEST_STROKE, _TRAVEL_SHARE * (high - low))
 
 
 def _rounded_value(value: float) -> float:

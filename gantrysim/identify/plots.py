@@ -16,7 +16,7 @@ from gantrysim.identify.identification import IdentifiedValue, spectrum
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import Starts, gradient, longest_piece, smoothed
-from gantrysim.identify.result import KNOWN, LABELS, AxisFit
+from gantrysim.identify.result import KNOWN_INTERVAL, LABELS, AxisFit
 from gantrysim.identify.torque_regression import WIDTH, TorqueRegression
 from gantrysim.identify.whiteness import correlation
 from gantrysim.report.plots.pictures import PAGE_COLUMNS
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 _SEGMENT = 1024  # samples of a spectrum's segment
-_COHERENT = 0.5  # least coherence of a frequency that is drawn
+_DRAWN_COHERENCE = 0.5  # least coherence of a frequency that is drawn
 _DIFFERENCED = 0.42  # of the sampling rate, below which two central differences, of gain sinc(2 f T)², are undone
 _SPEEDS = 100
 _ONE_WAY = 0.999  # low-passed direction of a motion that does not reverse nearby
-_POINTS = 500  # of the log in a plot of the friction, by direction
+_DRAWN_POINTS = 500  # of the log in a plot of the friction, by direction
 _SHOWN_SHARES = (0, 300)  # of the machine's values; beyond them, a value is in the table [%]
 _HEIGHT = 2.9  # of a row [inch]
 
@@ -53,7 +53,7 @@ def draw_values(on: Figure | SubFigure | Axes, values: Sequence[IdentifiedValue]
         if not value.nominal:
             continue
         place, low, high = (100 * number / value.nominal for number in (value.value, value.low, value.high))
-        half = KNOWN * abs(place)
+        half = KNOWN_INTERVAL * abs(place)
         axes.barh(row, 2 * half, 0.7, place - half, color=GOOD, alpha=0.35, label="" if row else "narrow enough")
         axes.plot([low, high], [row, row], color=INK, lw=1.4)
         axes.plot(place, row, "o", color=INK, mfc=INK if value.identified else "white", ms=5)
@@ -177,7 +177,7 @@ def draw_friction(on: Figure | SubFigure | Axes, shown: tuple[AxisFit, Log]) -> 
     for name, way, colour, style in directions:
         chosen = known[way * course.speed[known] > 0]
         # the same number for both, evenly in time
-        points = chosen[:: max(chosen.size // _POINTS, 1)]
+        points = chosen[:: max(chosen.size // _DRAWN_POINTS, 1)]
         speeds = np.abs(course.speed[points])
         axes.plot(speeds, course.friction[points], ".", ms=2.5, color=colour, alpha=0.35, label=f"log, {name}")
         smooth = np.linspace(0.0, float(speeds.max(initial=0.0)), _SPEEDS)
@@ -215,7 +215,7 @@ def draw_response(
         frequency, cross = csd(torque(fit.axis), acceleration, **options)
         power = welch(torque(fit.axis), **options)[1]
         other = welch(acceleration, **options)[1]
-        good = (np.abs(cross) ** 2 > _COHERENT * power * other) & (frequency > 0)
+        good = (np.abs(cross) ** 2 > _DRAWN_COHERENCE * power * other) & (frequency > 0)
         good &= frequency < _DIFFERENCED / period
         measured = np.abs(cross[good]) / power[good] / np.sinc(2 * frequency[good] * period) ** 2
         axes.loglog(frequency[good], measured, ".", ms=3, color=INK, label="measured")

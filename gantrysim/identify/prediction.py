@@ -20,16 +20,16 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.pieces import WHOLE, Starts, by_piece
+from gantrysim.identify.pieces import WHOLE_LOG, Starts, by_piece
 
 _TERMS = 14  # of the exponential's series, for a norm of at most 1/2
 _DOUBLINGS = 60
-_SETTLED = 1e-12
+_SETTLED_CHANGE = 1e-12
 _SUBSTEP = 1.25e-4  # longest step of the friction [s]
 _MOST_SUBSTEPS = 16
 _LEAST_TORQUE = 1e-9  # of a friction, so that nothing divides by zero [N·m]
-_FIRST = 0.008  # time at the start of a piece from which its first speed is found [s]
-_FEWEST = 6  # samples of it
+_START_TIME = 0.008  # time at the start of a piece from which its first speed is found [s]
+_STROKE_SAMPLES = 6  # samples of it
 _LEAST_SHARE = 0.05  # of Coulomb friction that a varying level leaves: no friction drives an axis
 
 
@@ -127,7 +127,7 @@ def kalman_gain(F: Floats, G: Floats, noise: float) -> Floats:
         A = _product(A, V1)
         P = P + change
         P = 0.5 * (P + P.T)
-        if np.abs(change).max() <= _SETTLED * np.abs(P).max():
+        if np.abs(change).max() <= _SETTLED_CHANGE * np.abs(P).max():
             break
     return P[:, 0] / (P[0, 0] + 1.0)
 
@@ -240,13 +240,13 @@ class Samples(NamedTuple):
     torque: Floats
     held: bool
     course: Course | None = None
-    starts: Starts = WHOLE
+    starts: Starts = WHOLE_LOG
     speeds: tuple[float, ...] = (0.0,)
 
 
 def first_speed(piece: Floats, period: float) -> float:
     """Return the speed at the start of a piece that begins in motion, by a parabola through its first samples [u/s]."""
-    first = piece[: max(round(_FIRST / period), _FEWEST)]
+    first = piece[: max(round(_START_TIME / period), _STROKE_SAMPLES)]
     course = np.polynomial.Polynomial.fit(np.arange(first.size), first, 2)
     return float(course.deriv()(0.0)) / period
 

@@ -37,7 +37,7 @@ from gantrysim.tables.units import spaced_name
 
 COMMAND = "command"
 DISTURBANCE = "disturbance"
-_FURTHER = (COMMAND, DISTURBANCE)
+_FURTHER_COLUMNS = (COMMAND, DISTURBANCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def read_commanded_log(
         InputError: as `read_log`, or no axis has a command.
     """
     given = dict(columns or {})
-    further = {name: given.pop(name) for name in list(given) if name.rpartition(" ")[2] in _FURTHER}
+    further = {name: given.pop(name) for name in list(given) if name.rpartition(" ")[2] in _FURTHER_COLUMNS}
     log = read_log(file, machine, given, period, rows)
     table = read_table(file)
     heads = _further_columns(table.order, machine) | further
@@ -147,11 +147,11 @@ def _unit(machine: Machine, axis: str) -> str:
 # The simulated machine under the recorded command.
 
 _NO_PATH = Chain([Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))])  # nothing is laid, so no path is compared
-_FIRST = 0.01  # time over which the first position and velocity are fitted [s]
-_FEWEST = 5  # samples of that
-_RESTING = 1.5  # counts of the encoder by which an axis at rest moves
-_SURE = 4.0  # deviations by which a velocity must differ from zero
-_STEADY = 0.005  # of the way in that time, from a parabola, up to which an axis is in steady motion
+_START_TIME = 0.01  # time over which the first position and velocity are fitted [s]
+_START_SAMPLES = 5  # samples of that
+_RESTING_COUNTS = 1.5  # counts of the encoder by which an axis at rest moves
+_SURE_DEVIATIONS = 4.0  # deviations by which a velocity must differ from zero
+_STEADY_DEVIATION = 0.005  # of the way in that time, from a parabola, up to which an axis is in steady motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -388,26 +388,26 @@ def _first_motion(position: Floats, period: float, count: float) -> tuple[float,
     They are those of a parabola through the first rows, where these lie on one; an axis that starts within them does
     not, and has the velocity of its first step alone. A velocity within the encoder's counts is none.
     """
-    first = position[: max(_FEWEST, round(_FIRST / period))]
+    first = position[: max(_START_SAMPLES, round(_START_TIME / period))]
     time = period * np.arange(first.size)
     terms = np.stack([np.ones(first.size), time, time**2], axis=1)
     parabola = np.linalg.lstsq(terms, first, rcond=None)[0]
     place, velocity, _ = parabola.tolist()
     off = float(np.std(first - terms @ parabola))
-    if off <= max(count, _STEADY * float(np.ptp(first))):
+    if off <= max(count, _STEADY_DEVIATION * float(np.ptp(first))):
         deviation = max(off, count / math.sqrt(12)) * math.sqrt(np.linalg.inv(terms.T @ terms)[1, 1])
-        if abs(velocity) > _SURE * deviation:
+        if abs(velocity) > _SURE_DEVIATIONS * deviation:
             return place, velocity
         return float(first[0]), 0.0
     step = float(first[1] - first[0])
-    return float(first[0]), step / period if abs(step) > _RESTING * count else 0.0
+    return float(first[0]), step / period if abs(step) > _RESTING_COUNTS * count else 0.0
 
 
 # Where the command turns back.
 
 _TURN = 1e-3  # of its span, by which a command must turn back for a reversal
-_BEFORE = 0.02  # time before a reversal that counts as around it [s]
-_AFTER = 0.1  # and after it [s]
+_BEFORE_REVERSAL = 0.02  # time before a reversal that counts as around it [s]
+_AFTER_REVERSAL = 0.1  # and after it [s]
 
 
 def near_reversals(command: Floats, period: float, least: float) -> NDArray[np.bool_]:
@@ -420,7 +420,7 @@ def near_reversals(command: Floats, period: float, least: float) -> NDArray[np.b
     """
     near = np.zeros(command.size, bool)
     for row in _turns(command, least):
-        near[max(row - round(_BEFORE / period), 0) : row + round(_AFTER / period) + 1] = True
+        near[max(row - round(_BEFORE_REVERSAL / period), 0) : row + round(_AFTER_REVERSAL / period) + 1] = True
     return near
 
 

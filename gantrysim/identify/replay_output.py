@@ -31,7 +31,7 @@ OUTPUT = Output("replay", SUMMARY, (SUMMARY, REPORT))
 QUANTITIES = ("following", "torque")
 SIDES = ("measured", "simulated", "difference", "frictionless")
 _LABELS = {"following": "following error", "torque": "torque", "frictionless": "difference without friction"}
-_SAME = 1e-6  # difference, of that without friction, below which the log is a simulation's own
+_SIMULATED_LOG = 1e-6  # difference, of that without friction, below which the log is a simulation's own
 _AS_GOOD = 0.8  # difference, of that without friction, from which the log does not tell the two apart
 _WIDTH = 10.7  # of a plot across the page [inch]
 
@@ -113,7 +113,7 @@ def _beside_wrong(sizes: Compared, described: Quantity[Any]) -> str:
     text = f"Without friction the same machine differs by {described.text(wrong.rms)} rms"
     if sizes.difference.rms >= _AS_GOOD * wrong.rms:
         return f"{text}: this log does not show whether the machine's friction is right."
-    if sizes.difference.rms < _SAME * wrong.rms:
+    if sizes.difference.rms < _SIMULATED_LOG * wrong.rms:
         return f"{text}."
     return f"{text}, {wrong.rms / sizes.difference.rms:.3g} times as much."
 

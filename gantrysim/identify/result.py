@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.friction_terms import CONFIDENCE, Term
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.pieces import WHOLE, Starts
+from gantrysim.identify.pieces import WHOLE_LOG, Starts
 from gantrysim.identify.whiteness import correlation
 
-KNOWN = 0.15  # largest half interval of an identified parameter, of its value
+KNOWN_INTERVAL = 0.15  # largest half interval of an identified parameter, of its value
 # the same of the damping, which answers to a hundredth of the period between spring and damper: the engine's own step
 # of 0.25 ms takes a quarter of it from a mode at 324 Hz
 KNOWN_DAMPING = 0.4
@@ -173,7 +173,7 @@ class AxisFit:
     sensitivity: Sensitivity
     predicted: AxisModel
     law: FrictionLaw
-    starts: Starts = WHOLE
+    starts: Starts = WHOLE_LOG
     first: int = 0
 
     @property

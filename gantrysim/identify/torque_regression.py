@@ -24,17 +24,17 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.friction_terms import Motion, Term
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.pieces import WHOLE, Starts, around, by_piece, gradient, inside, smoothed
+from gantrysim.identify.pieces import WHOLE_LOG, Starts, around, by_piece, gradient, inside, smoothed
 from gantrysim.identify.prediction import effective_torque
 
 WIDTH = 0.006  # standard deviation of the low-pass [s]
 _DERIVATIVES = ("inertia", "jerk", "snap", "crackle", "pop")  # a and its derivatives
 NAMES = (*_DERIVATIVES, "viscous", "coulomb", "offset")  # of the columns before those of the terms
-_CALM = 0.001  # standard deviation of the low-pass of the speed that a Stribeck term sees [s]
+_SPEED_FILTER = 0.001  # standard deviation of the low-pass of the speed that a Stribeck term sees [s]
 _MEMORY = 0.1  # length of a block of samples whose errors may be correlated [s]
-_STEPS = 8  # of the torque's course in a sample
-_MOVING = 0.02  # share of the highest speed from which an axis slides
-_SLIDING = 0.9  # share of the samples around one that must be in motion
+_SAMPLE_STEPS = 8  # of the torque's course in a sample
+_MOVING_SPEED = 0.02  # share of the highest speed from which an axis slides
+_SLIDING_SHARE = 0.9  # share of the samples around one that must be in motion
 
 
 class Solution(NamedTuple):
@@ -73,7 +73,7 @@ class TorqueRegression:
     motion: Motion
     slides: NDArray[np.bool_]
     after: Floats
-    starts: Starts = WHOLE
+    starts: Starts = WHOLE_LOG
 
     @classmethod
     def of(
@@ -83,7 +83,7 @@ class TorqueRegression:
         position: Floats,
         torque: Floats,
         held: bool,
-        starts: Starts = WHOLE,
+        starts: Starts = WHOLE_LOG,
     ) -> TorqueRegression:
         """Return the regression of a log.
 
@@ -98,20 +98,23 @@ class TorqueRegression:
         width = WIDTH / period
         # a constant torque is found by the regression
         late = replace(model, offset=0.0)
-        after = by_piece(lambda piece: effective_torque(late, period, piece, _STEPS, held).mean(axis=1), torque, starts)
+        after = by_piece(
+            lambda piece: effective_torque(late, period, piece, _SAMPLE_STEPS, held).mean(axis=1), torque, starts
+        )
         directions = by_piece(_direction, position, starts)
         speed = gradient(position, period, starts)
         motion = Motion(
             position=position,
             speed=speed,
-            calm=smoothed(speed, max(_CALM / period, 0.5), starts),
+            calm=smoothed(speed, max(_SPEED_FILTER / period, 0.5), starts),
             direction=around(directions, starts),
             torque=around(after, starts),
             braking=around(np.abs(after) * directions, starts),
         )
         slow = np.abs(smoothed(speed, width, starts))
         slides = (
-            smoothed((slow > _MOVING * float(np.quantile(slow, 0.99))).astype(np.float64), width, starts) > _SLIDING
+            smoothed((slow > _MOVING_SPEED * float(np.quantile(slow, 0.99))).astype(np.float64), width, starts)
+            > _SLIDING_SHARE
         )
         # where the filter reaches beyond the log
         slides &= inside(position.size, starts, round(4 * width))

@@ -37,7 +37,7 @@ from gantrysim.servo.servo import Servo
 
 # The fitted machine as an MJCF.
 
-_ROUNDS = 4  # of the correction of inertias, which depend on those of the axes that an axis carries
+_INERTIA_ROUNDS = 4  # of the correction of inertias, which depend on those of the axes that an axis carries
 _LEAST_INERTIA = 1e-12  # inertia of a body [kg·m²]
 _ROUNDING = 1e-9  # by which moments of inertia keep from the limits of a body, relative
 
@@ -59,7 +59,7 @@ def fitted_machine(identification: Identification, fits: Sequence[AxisFit] | Non
     """
     machine = identification.machine
     fits = identification.accepted if fits is None else fits
-    for attempt in range(_ROUNDS):
+    for attempt in range(_INERTIA_ROUNDS):
         machine = machine.edited(_edit(machine, fits, first=attempt == 0))
     return machine
 
@@ -162,10 +162,10 @@ def _set_friction(motor: mujoco.MjsActuator, joint: mujoco.MjsJoint, fit: AxisFi
 LARGEST_ADDED_TORQUE = 0.1
 _FREQUENCY = 8.0  # natural frequency of the loop, below the strokes [Hz]
 _LARGEST_FOLLOWING_ERROR = 1e3  # following error up to which the loop goes on [mm or deg]
-_MANY = 10.0  # share of the torque from which it is said in multiples
+_MULTIPLE_SHARE = 10.0  # share of the torque from which it is said in multiples
 _WIDTH = 0.004  # standard deviation of the low-pass of the torques [s]
-_SETTLED = 0.3  # beginning of a run that is not compared [s]
-_MOVING = 0.02  # share of the highest speed from which an axis moves
+_START_TIME = 0.3  # beginning of a run that is not compared [s]
+_MOVING_SPEED = 0.02  # share of the highest speed from which an axis moves
 _NO_PATH = Chain([Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))])  # nothing is laid, so no path is compared
 
 
@@ -226,7 +226,7 @@ class WholeRun:
 
     def _share(self, torque: float) -> str:
         share = torque / self.torque
-        return f"{times_words(share)} the torque" if share > _MANY else f"{100 * share:.2g} %"
+        return f"{times_words(share)} the torque" if share > _MULTIPLE_SHARE else f"{100 * share:.2g} %"
 
 
 def whole_run(identification: Identification, log: Log) -> list[WholeRun]:
@@ -302,9 +302,9 @@ def _compared_runs(
     measured = log.position[:, column]
     width = _WIDTH / log.period
     speed = np.abs(gaussian_filter1d(np.gradient(measured), width))
-    moving = speed > _MOVING * float(np.quantile(speed, 0.99))
+    moving = speed > _MOVING_SPEED * float(np.quantile(speed, 0.99))
     # the simulated axis starts at rest, and the loop takes a while to bring it to a log's speed
-    moving[: round(_SETTLED / log.period)] = False
+    moving[: round(_START_TIME / log.period)] = False
     effective = _effective(identification, log)[:, column]
 
     def added(run: Run | None) -> float:

@@ -17,7 +17,7 @@ from gantrysim.servo.servo import Servo
 FINE_PERIOD = 62.5e-6
 
 _ON_THE_PATH = 1e-9  # largest distance of a command that needs no correction [mm]
-_HASTE = 1.5  # largest speed of a foot, in units of the command's own
+_FOOT_SPEED = 1.5  # largest speed of a foot, in units of the command's own
 
 
 def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
@@ -62,13 +62,13 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
 
 
 def unhurried_feet(s: Floats, tip: Floats) -> Floats:
-    """Return feet that advance at most `_HASTE` times as fast as the command: the mean of the latest and earliest such.
+    """Return the mean of the latest and the earliest feet that advance at most `_FOOT_SPEED` times as fast as the tip.
 
     Args:
         s: arc lengths of the feet, (n,) [mm].
         tip: commanded positions of the nozzle, (n, 3) [mm].
     """
-    furthest = _HASTE * np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1)))
+    furthest = _FOOT_SPEED * np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1)))
     ahead = s - furthest
     latest = np.minimum.accumulate(ahead)
     earliest = np.maximum.accumulate(ahead[::-1])[::-1]

@@ -49,7 +49,7 @@ _FANUC_CODES = re.compile(
     r"^\s*/?\s*(?:N\s*\d+\s*)?[^(;\n]*?(?:(?<![A-Z_])G\s*0*(?:50\.1|51\.1|65|68|69)(?![\d.])|,\s*[RC]\s*[\d.#\[])",
     re.IGNORECASE | re.MULTILINE,
 )
-_FED = re.compile(r"^\s*(?:N\s*\d+\s*)?G\s*\d[^(;\n]*?[\s\d.]E\s*[-+]?[\d.]", re.IGNORECASE | re.MULTILINE)
+_EXTRUDING_MOVE = re.compile(r"^\s*(?:N\s*\d+\s*)?G\s*\d[^(;\n]*?[\s\d.]E\s*[-+]?[\d.]", re.IGNORECASE | re.MULTILINE)
 # M100 to M199 may be a machine's own in LinuxCNC: of them those of heaters alone
 _FIRMWARE = re.compile(
     r"^\s*(?:N\s*\d+\s*)?(?:M\s*0*(?:1[78]|8[234]|104|109|140|190|20[1-8]|22[01]|30[0-4]|40[0-2]|42[01]"
@@ -297,7 +297,7 @@ def recognised_dialect(text: str) -> Recognised:
         return Recognised(FANUC, "it has WHILE, IF or GOTO without O words")
     if _FANUC_CODES.search(head):
         return Recognised(FANUC, "it has words of FANUC's alone, as G65, G68, G51.1 or ,R")
-    if _FED.search(head):
+    if _EXTRUDING_MOVE.search(head):
         return Recognised(SLICER, "its moves feed material by E")
     if _FIRMWARE.search(head):
         return Recognised(SLICER, "it has codes of printers' firmware")

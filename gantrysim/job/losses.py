@@ -15,7 +15,7 @@ from gantrysim.glue.bead import Bead
 from gantrysim.record.run import Run
 
 _LEFT = 0.5  # share of the section below which the bead is missing
-_REACH = 1.5  # distance from a tick that stands for the path around it, in the largest distance between ticks
+_TICK_REACH = 1.5  # distance from a tick that stands for the path around it, in the largest distance between ticks
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Losses:
     def of(cls, faulted: Bead, healthy: Bead) -> Losses:
         """Compare the bead of a run with faults with the bead of the same job without."""
         s = healthy.analysis.nozzle.s
-        reach = _REACH * max(healthy.ds, float(np.diff(np.sort(s)).max(initial=0.0)))
+        reach = _TICK_REACH * max(healthy.ds, float(np.diff(np.sort(s)).max(initial=0.0)))
         places = np.arange(s.min(), s.max() + 0.5 * healthy.ds, healthy.ds)
         before = _laid_bead(healthy, places, reach)
         after = _laid_bead(faulted, places, reach)

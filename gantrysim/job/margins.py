@@ -19,8 +19,8 @@ from gantrysim.servo.servo_design import gains
 from gantrysim.servo.stability.margins import Margins
 
 LOW_MARGIN = 1.5  # gain margin below which a run has a note
-_SOFTER = 0.5**0.5  # from one frequency tried to the next
-_TRIED = 8  # frequencies, down to a sixteenth
+_FREQUENCY_STEP = 0.5**0.5  # from one frequency tried to the next
+_TRIED_FREQUENCIES = 8  # frequencies, down to a sixteenth
 
 
 def servo_reason(settings: ServoSettings, machine: Machine, servo: Servo) -> str:
@@ -121,8 +121,8 @@ def _has_own_law(settings: ServoSettings) -> bool:
 def _lower_frequencies(machine: Machine, servo: Servo) -> Iterator[float]:
     """Yield frequencies below the natural frequency of a servo in torque mode, kp = J w^2, to two digits [Hz]."""
     frequency = math.sqrt(servo.gains[0].kp / machine.axes[0].inertia) / (2 * math.pi)
-    for _ in range(_TRIED):
-        frequency *= _SOFTER
+    for _ in range(_TRIED_FREQUENCIES):
+        frequency *= _FREQUENCY_STEP
         yield float(f"{frequency:.2g}")
 
 

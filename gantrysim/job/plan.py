@@ -22,7 +22,7 @@ from gantrysim.record.setpoints import Setpoints
 
 _PROBES = 64  # places along the path
 _SAME_HEIGHT = 1e-6  # difference of heights that is rounding [mm]
-_OFF = 1.0  # distance of the commanded tip from the path beyond which the geometry is another [mm]
+_OFF_PATH = 1.0  # distance of the commanded tip from the path beyond which the geometry is another [mm]
 
 
 def check_fit(machine: Machine, controller: Controller, setpoints: Setpoints, name: str) -> None:
@@ -51,7 +51,7 @@ def check_fit(machine: Machine, controller: Controller, setpoints: Setpoints, na
     ticks = on[np.linspace(0, on.size - 1, min(_PROBES, on.size)).astype(int)]
     tip = machine.tip(axis_positions(machine, setpoints)[ticks])
     off = float(controller.requested.project(tip).distance.max())
-    if off > _OFF:
+    if off > _OFF_PATH:
         reason = (
             "its sigma, needle, centre, work_centre or normal are not those of the machine"
             if controller.commands_axes
@@ -88,7 +88,7 @@ def check_servo_file(file: Path, servo: ServoSettings, machine: Machine) -> None
             )
 
 
-_REACHED = 0.98  # share of a speed that counts as reached: setpoints are samples
+_REACHED_SPEED = 0.98  # share of a speed that counts as reached: setpoints are samples
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def plan_of(
     )
 
 
-_STILL = 1e-9  # way in a tick; more is motion [mm]
+_STANDSTILL_WAY = 1e-9  # way in a tick; more is motion [mm]
 
 
 class _Sums(NamedTuple):
@@ -219,7 +219,7 @@ class _Sums(NamedTuple):
         return cls(
             float(ways.sum()),
             float(glue_ways.sum()),
-            int(np.count_nonzero(glue_ways <= _STILL)),
+            int(np.count_nonzero(glue_ways <= _STANDSTILL_WAY)),
             float(ways.max(initial=0)),
             float(glue_ways.max(initial=0)),
             extremes(tip),
@@ -284,7 +284,7 @@ def speed_note(plan: Plan, speed: float) -> str | None:
         plan: of the program at that speed.
         speed: of its fastest motion [mm/s].
     """
-    if not plan.glue_speed or plan.glue_speed >= _REACHED * speed:
+    if not plan.glue_speed or plan.glue_speed >= _REACHED_SPEED * speed:
         return None
     return (
         f"--speed {speed:g} does not act in full: glue is laid at {plan.glue_speed:.4g} mm/s at most, as acceleration, "

@@ -19,10 +19,10 @@ from gantrysim.record.setpoints import Setpoints
 
 _DECIMALS = 4  # of a height [mm]
 _Z = 2  # column of a position
-_FLAT = 1e-3  # of a height that is the same [mm]
-_ROOM = 0.5  # left at both ends of a travel where a program is moved to its middle [mm]
+_FLAT_HEIGHT = 1e-3  # of a height that is the same [mm]
+_ROOM_AT_ENDS = 0.5  # left at both ends of a travel where a program is moved to its middle [mm]
 # steps of a travel that is made for a program, and room at its ends, in which an axis may overshoot [mm]
-_STEP = 10.0
+_TRAVEL_STEP = 10.0
 _OVERSHOOT = 5.0
 
 
@@ -65,14 +65,14 @@ class _Heights(NamedTuple):
 
 
 # arguments of a program that change neither what its text says nor how it is read
-REPLANNED = {"placement", "axis_speeds", "acceleration"}
+REPLANNED_ARGUMENTS = {"placement", "axis_speeds", "acceleration"}
 
 
 def share_text(
     program: dict[str, Any], other_program: dict[str, Any], controller: Controller, other: Controller
 ) -> None:
     """Let a controller take over what another has read of the same text, if it can."""
-    same = all(program.get(key) == other_program.get(key) for key in {*program, *other_program} - REPLANNED)
+    same = all(program.get(key) == other_program.get(key) for key in {*program, *other_program} - REPLANNED_ARGUMENTS)
     if same and hasattr(controller, "sharing_text_of"):
         controller.sharing_text_of(other)
 
@@ -175,7 +175,7 @@ def _gap_changes(name: str, gap: float, setpoints: Setpoints) -> dict[str, Any]:
     """
     lowest_travel = next(axis.travel[0] for axis in Machine(name).plain_axes if axis.name == "z")
     height = round(gap - _rise(_heights(setpoints), lowest_travel), _DECIMALS)
-    is_another = abs(height - gap) > _FLAT
+    is_another = abs(height - gap) > _FLAT_HEIGHT
     return {"bead.gap": height} if is_another and height > 0 else {}
 
 
@@ -258,7 +258,7 @@ def _shift(box: dict[str, tuple[float, float]], travel: dict[str, tuple[float, f
     axes = [axis for axis in "xy" if axis in box]
     if all(travel[axis][0] <= box[axis][0] and box[axis][1] <= travel[axis][1] for axis in axes):
         return {}
-    if any(np.ptp(box[axis]) > np.ptp(travel[axis]) - 4 * _ROOM for axis in axes):
+    if any(np.ptp(box[axis]) > np.ptp(travel[axis]) - 4 * _ROOM_AT_ENDS for axis in axes):
         return {}
     return {axis: float(round(0.5 * (sum(travel[axis]) - sum(box[axis])))) for axis in axes}
 
@@ -267,7 +267,7 @@ def _wide(extent: tuple[float, float], travel: tuple[float, float]) -> tuple[flo
     """Return a travel that a program's extent needs, no smaller than the machine's [mm]."""
     low, high = travel
     if extent[0] < low:
-        low = math.floor((extent[0] - _OVERSHOOT) / _STEP) * _STEP
+        low = math.floor((extent[0] - _OVERSHOOT) / _TRAVEL_STEP) * _TRAVEL_STEP
     if extent[1] > high:
-        high = math.ceil((extent[1] + _OVERSHOOT) / _STEP) * _STEP
+        high = math.ceil((extent[1] + _OVERSHOOT) / _TRAVEL_STEP) * _TRAVEL_STEP
     return low, high

@@ -30,7 +30,7 @@ from gantrysim.metrics.parts import PartValues
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 
-_TOGETHER = 8  # runs in memory at a time
+_RUNS_TOGETHER = 8  # runs in memory at a time
 _MOST_REPEATS = 1000  # repeats
 _SIZES = (RMS, P95, MAX)
 
@@ -115,8 +115,8 @@ def scatter_of(
     counts = _counts(job)
     zeros = counts * np.random.default_rng(seed).uniform(-0.5, 0.5, (repeats, counts.size))
     values = []
-    for first in range(0, repeats, _TOGETHER):
-        part = zeros[first : first + _TOGETHER]
+    for first in range(0, repeats, _RUNS_TOGETHER):
+        part = zeros[first : first + _RUNS_TOGETHER]
         runs = simulate_batch(
             [job.built_machine.perturbed(Perturbation(home_offset=tuple(-zero))) for zero in part],
             job.built_servo,
@@ -129,7 +129,7 @@ def scatter_of(
         moved = [_moved_back(job, run, zero) for run, zero in zip(runs, part, strict=True)]
         values += [figures_of(job, run) for run in moved if run.fault is None]
         if progress is not None:
-            progress(min(first + _TOGETHER, repeats) / repeats)
+            progress(min(first + _RUNS_TOGETHER, repeats) / repeats)
     if len(values) < 2:
         raise InputError(f"repeat: {repeats - len(values)} of {repeats} runs ended in a fault, at least 2 must not")
     figures = {

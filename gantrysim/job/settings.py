@@ -13,7 +13,7 @@ from gantrysim.glue.dispenser.dispenser import DEMANDS
 from gantrysim.job.programs import described_fields
 from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws import ADDITIONS, BASES
-from gantrysim.servo.request import DERIVED
+from gantrysim.servo.request import DERIVED_VALUES
 from gantrysim.servo.servo import Servo
 
 # Defaults of jobs and program files: one table for the values that nobody gave.
@@ -89,7 +89,7 @@ def _given_type(parameter: Parameter) -> Any:
     return PerAxis, _setting(None, f"{parameter.meaning} [{unit}]" if unit else parameter.meaning)
 
 
-_FIELDS = {**_keywords(), **{parameter.name: _given_type(parameter) for parameter in DERIVED}}
+_FIELDS = {**_keywords(), **{parameter.name: _given_type(parameter) for parameter in DERIVED_VALUES}}
 _ServoSettings: Any = create_model("_ServoSettings", __config__=STRICT, **_FIELDS)
 
 

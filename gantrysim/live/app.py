@@ -25,7 +25,7 @@ from gantrysim.live.worker import Message, Worker
 from gantrysim.results.colours import css_variables
 
 _LONGEST_QUEUE = 2000  # messages that wait for a tab, which is then closed
-_GLANCE = 0.3  # between two looks at the file that is followed [s]
+_WATCH_INTERVAL = 0.3  # between two looks at the file that is followed [s]
 _NOT_FOUND = 404
 _TOO_LONG = 413
 _TRY_AGAIN = 1013  # code with which the WebSocket of a slow tab is closed
@@ -115,7 +115,7 @@ class Hub:
         """Take over what is saved to the open file, once it has stood for a moment."""
         seen = 0
         while True:
-            await asyncio.sleep(_GLANCE)
+            await asyncio.sleep(_WATCH_INTERVAL)
             draft = self.workbench.draft
             version = version_of(draft.path) if draft.version else 0
             if version and version != draft.version and version == seen:

@@ -24,7 +24,7 @@ Task = Literal["show", "improve", "report", "film", "stop", "end"]
 
 _LINE = re.compile(r"\bline (\d+)")
 _WORD = re.compile(r"['\"]([^'\"\n]{1,40})['\"]|\b([A-Z]-?\d[\d.]*)\b")
-_WHOLE = 100.0  # [%]
+_FULL_OVERRIDE = 100.0  # [%]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Draft:
     text: str | None = None
     program: str | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
-    override: float = _WHOLE
+    override: float = _FULL_OVERRIDE
     version: int = 0
 
     @property
@@ -97,9 +97,9 @@ class Draft:
         if self.program is not None:
             values[f"program.{opened.controller.text_argument}"] = self.program
         job = opened.loaded_with(values, sibling=latest) if values else opened
-        if self.override == _WHOLE:
+        if self.override == _FULL_OVERRIDE:
             return job
-        speed = job.controller.programmed_speed * self.override / _WHOLE
+        speed = job.controller.programmed_speed * self.override / _FULL_OVERRIDE
         return opened.loaded_with(values, speed=speed, sibling=latest)
 
     def file_text(self) -> str | None:

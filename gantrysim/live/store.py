@@ -36,9 +36,9 @@ def _is_job(file: Path) -> bool:
 
 
 _RECORD = ".npz"
-_POINTS = ".csv"  # a program's points, or a log
+_POINTS_SUFFIX = ".csv"  # a program's points, or a log
 _HEAD = 1 << 16  # of a table, by which it is told [bytes]
-_TIMES = ("time_s", "time", "t")
+_TIME_COLUMNS = ("time_s", "time", "t")
 _LEAST_ROWS = 8  # of a log
 _OF_AXES = ("commanded", "encoder", "nozzle", "pcmd", "pfb")
 
@@ -52,7 +52,7 @@ def is_trace(name: str, content: bytes) -> bool:
     suffix = Path(name).suffix.lower()
     if suffix == _RECORD or binary_reader(content[:_HEAD]) is not None:
         return True
-    if suffix == _JOB or (suffix in suffixes() and suffix != _POINTS):
+    if suffix == _JOB or (suffix in suffixes() and suffix != _POINTS_SUFFIX):
         return False
     head = decoded_text(content[:_HEAD], "replace")
     if len(content) > _HEAD:
@@ -63,11 +63,11 @@ def is_trace(name: str, content: bytes) -> bool:
         return False
     if table.rows < _LEAST_ROWS or len(table.columns) < 2:
         return False
-    return suffix != _POINTS or _is_log(table)
+    return suffix != _POINTS_SUFFIX or _is_log(table)
 
 
 def _is_log(table: ColumnTable) -> bool:
-    times = [values for name, values in table.columns.items() if name.lower() in _TIMES]
+    times = [values for name, values in table.columns.items() if name.lower() in _TIME_COLUMNS]
     if any(np.all(np.diff(values) > 0) for values in times):
         return True
     return table.period is not None or any(name.lower().startswith(_OF_AXES) for name in table.columns)

@@ -36,13 +36,13 @@ from gantrysim.results.checks import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict, stability_row
 
-QUICK: Engine = "loop"
-WHOLE: Engine = "mujoco"
+QUICK_ENGINE: Engine = "loop"
+WHOLE_ENGINE: Engine = "mujoco"
 QUICK_ROWS = 4_000  # of a quick answer
 _FILM = "film.mp4"
 _SIMULATED = 0.1  # share of a film's time in which its run is simulated
 _PACE = 0.05  # between two messages of a task's progress [s]
-REST = 0.15  # without a newer request, after which the whole answer is computed [s]
+REST_TIME = 0.15  # without a newer request, after which the whole answer is computed [s]
 
 Send = Callable[[str, dict[str, Any]], None]
 
@@ -150,18 +150,18 @@ class Studio:
         go_on()
         limits = job.limits(needle_face(job.built_machine, job.dispenser.needle))
         send("margins", {"row": _row(stability_row(job, job.margins, limits))})
-        self._run(request, job, QUICK, send, go_on)
+        self._run(request, job, QUICK_ENGINE, send, go_on)
         self.arrived.clear()
-        if self.newest == request.number and not self.arrived.wait(REST):
+        if self.newest == request.number and not self.arrived.wait(REST_TIME):
             # a full collection, of the whole process, would else take 50 ms of one answer in ten; nobody waits here
             gc.collect()
             # takes a tenth of a quick answer, which has no height map
             job.check_fit()
-            self._run(request, job, job.simulation.engine or WHOLE, send, go_on)
+            self._run(request, job, job.simulation.engine or WHOLE_ENGINE, send, go_on)
 
     def _run(self, request: Request, job: Job, engine: Engine, send: Send, go_on: Callable[..., None]) -> None:
         run = job.run(_paced("simulate", send, go_on), engine=engine)
-        most = QUICK_ROWS if engine == QUICK else MOST_ROWS
+        most = QUICK_ROWS if engine == QUICK_ENGINE else MOST_ROWS
         head: dict[str, Any] = {"engine": engine, "name": job.name, "time": float(run.time[-1])}
         if run.fault is not None and not run.dispense.any():
             send("result", {"head": head | _verdict(Verdict.of_fault(run)), "parts": NOTHING, "toml": job.toml()})
@@ -171,7 +171,7 @@ class Studio:
         reference = None if request.reference is None else self._reference_results(request.reference, go_on)
         runs: tuple[ComparedRun, ...] = ()
         if request.beside is not None:
-            laid = self._companion.lay(request.beside, results, reference, anew=engine != QUICK)
+            laid = self._companion.lay(request.beside, results, reference, anew=engine != QUICK_ENGINE)
             if laid is None:
                 return
             runs, head["beside"] = laid
@@ -191,7 +191,7 @@ class Studio:
         if self._reference is None or self._reference[0] != draft:
             opened = draft.opened(self._scratch, allow_code=self._allows(draft, draft.code()))
             job = draft.job(opened)
-            self._reference = (draft, _results(job, job.run(go_on, engine=QUICK)))
+            self._reference = (draft, _results(job, job.run(go_on, engine=QUICK_ENGINE)))
         return self._reference[1]
 
     def _improve(self, draft: Draft, send: Send, go_on: Callable[..., None]) -> None:

@@ -23,9 +23,9 @@ from gantrysim.live.draft import Request
 
 PATIENCE = 2.0  # with an older request, which ends at its next report of progress [s]
 _LONG_PATIENCE = 120.0  # while the process imports, or compiles once for this machine [s]
-_GLANCE = 0.1  # [s]
+_POLL_INTERVAL = 0.1  # [s]
 _FAREWELL = 10.0  # in which the process keeps what it has compiled [s]
-_LAST = 1 << 62  # number of the last request
+_LAST_REQUEST = 1 << 62  # number of the last request
 
 
 class Message(NamedTuple):
@@ -82,7 +82,7 @@ class Worker:
         """End the process, which keeps what it has compiled unless it takes too long."""
         with self._lock:
             self._is_closed = True
-            self._send(Request(_LAST, "end"))
+            self._send(Request(_LAST_REQUEST, "end"))
         self._process.join(_FAREWELL)
         self._process.kill()
         self._process.join()
@@ -143,7 +143,7 @@ class Worker:
     def _watch(self) -> None:
         """Replace a process that has not begun the newest request in time."""
         while not self._is_closed:
-            time.sleep(_GLANCE)
+            time.sleep(_POLL_INTERVAL)
             with self._lock:
                 is_late = self._request is not None and not self._is_begun
                 if self._is_closed or not is_late or time.monotonic() - self._asked < self._patience:

@@ -20,7 +20,7 @@ from gantrysim.servo.stability.motion import Motion, UnknownLoopError
 
 # The linear motion of a compiled machine about a point of rest.
 
-_DIFFERENCE = 1e-6  # change of a state for finite differences; the model is almost linear [SI]
+_STATE_STEP = 1e-6  # change of a state for finite differences; the model is almost linear [SI]
 
 
 def linear_motion(
@@ -70,9 +70,9 @@ def linear_motion(
         return np.concatenate([data.qacc, data.act_dot[wound]])
 
     # a column of A or B per state or demand
-    small = _DIFFERENCE * np.eye(size + len(controls))
+    small = _STATE_STEP * np.eye(size + len(controls))
     with quiet(), np.errstate(all="ignore"):
-        slopes = np.array([rates(step) - rates(-step) for step in small]).T / (2 * _DIFFERENCE)
+        slopes = np.array([rates(step) - rates(-step) for step in small]).T / (2 * _STATE_STEP)
     if not np.isfinite(slopes).all():
         raise InputError("its accelerations about a state of rest are not finite")
     A = np.zeros((size, size))
@@ -90,7 +90,7 @@ def linear_motion(
     return Motion(A, B, C, L, tuple(rows))
 
 
-_HEAVY = 1e6  # inertia of a motor that does not move [kg or kg·m²]
+_HEAVY_INERTIA = 1e6  # inertia of a motor that does not move [kg or kg·m²]
 
 
 def with_dynamics(
@@ -151,7 +151,7 @@ def _others_held(
     """Return the motion of all axes when the motors of all but one are too heavy to move."""
     model = copy.copy(model)
     dofs = model.jnt_dofadr[model.actuator_trnid[: len(axes), 0]]
-    model.dof_armature[np.delete(dofs, axis)] += _HEAVY
+    model.dof_armature[np.delete(dofs, axis)] += _HEAVY_INERTIA
     return motion_of(model, axes, addresses, qpos)
 
 

@@ -9,8 +9,8 @@ from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
 
 _GAP = 5.0  # of a nozzle above its work [mm]
-_TOUCHING = 1e-3  # depth up to which the nozzle stands on the work's surface [mm]
-_WEIGHTLESS = 1e-6  # share of the whole machine's weight, below which an axis' part of it is rounding
+_TOUCHING_DEPTH = 1e-3  # depth up to which the nozzle stands on the work's surface [mm]
+_WEIGHTLESS_SHARE = 1e-6  # share of the whole machine's weight, below which an axis' part of it is rounding
 _MOST_PAIRS = 3  # of geoms that touch, of which each has a line
 
 
@@ -44,7 +44,9 @@ def notes(machine: Machine) -> tuple[str, ...]:
             f"{machine.gap:g} mm is assumed; give 'work' a geom there"
         )
     elif machine.depth_in_work is not None:
-        where = f"{machine.depth_in_work:.3g} mm inside" if machine.depth_in_work > _TOUCHING else "on the surface of"
+        where = (
+            f"{machine.depth_in_work:.3g} mm inside" if machine.depth_in_work > _TOUCHING_DEPTH else "on the surface of"
+        )
         lines.append(
             f"machine {machine.name}: the nozzle is {where} its work with all axes at zero: a gap of "
             f"{machine.gap:g} mm is assumed; raise the nozzle, or lower the geom of body 'work'"
@@ -122,7 +124,7 @@ def weights(machine: Machine) -> dict[str, float]:
         if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT:
             continue
         dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
-        if abs(held[dof]) > _WEIGHTLESS * whole:
+        if abs(held[dof]) > _WEIGHTLESS_SHARE * whole:
             torques[axis.name] = float(held[dof]) * axis.scale / PER_SI[axis.unit]
     return torques
 

@@ -160,7 +160,7 @@ _MOST_ELEMENTS = 20_000  # copies by replicate, composite and flexcomp counted e
 _MOST_CELLS = 100_000_000  # of height fields and textures together: as floats 400 MB
 _MOST_MEMORY = 4e9  # of <size memory>, [bytes]
 _MOST_USER = 100_000  # user values of an element, or of the simulation
-_DEEPEST = 10  # files that include one another
+_NESTED_FILES = 10  # files that include one another
 _SUFFIX = {"k": 2.0**10, "m": 2.0**20, "g": 2.0**30, "t": 2.0**40, "p": 2.0**50, "e": 2.0**60}
 _COPIES = ("replicate", "composite", "flexcomp")
 _CELLS = {"hfield": ("nrow", "ncol"), "texture": ("width", "height")}
@@ -200,7 +200,7 @@ def _elements(parent: Element, folder: Path, copies: float, depth: int) -> Itera
         if child.tag == "include" and child.get("file"):
             included = folder / str(child.get("file"))
             check_regular(included)
-            if depth < _DEEPEST and included.is_file():
+            if depth < _NESTED_FILES and included.is_file():
                 try:
                     root = ElementTree.parse(included).getroot()
                 except (ElementTree.ParseError, ValueError, OSError):

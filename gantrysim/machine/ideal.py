@@ -24,7 +24,7 @@ from gantrysim.machine.motors import (
 )
 from gantrysim.machine.perturbation import Perturbation
 
-_RIGID = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # solimp of a tendon of constant length
+_RIGID_IMPEDANCE = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # solimp of a tendon of constant length
 
 
 def without_friction(machine: Machine) -> Machine:
@@ -108,7 +108,7 @@ def without_compliance(machine: Machine) -> Machine:
         constraint.data[0] = elongation
         # the shortest time constant that MuJoCo advises
         constraint.solref = [2 * spec.option.timestep, 1.0]
-        constraint.solimp = _RIGID
+        constraint.solimp = _RIGID_IMPEDANCE
 
     return _without(machine, springs, stiffen)
 

@@ -78,8 +78,8 @@ def model_file(model: str | Path) -> Path:
 # The nozzle as the model shows it: height above the work, size of the needle.
 
 _MM = 1e3
-_CLEAR = 1e-6  # below the nozzle, where the ray upwards begins [m]
-_ROUND = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
+_CLEAR_OF_NOZZLE = 1e-6  # below the nozzle, where the ray upwards begins [m]
+_ROUND_GEOMS = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
 
 
 def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
@@ -113,8 +113,8 @@ def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
     if body != work and (model.body_geomnum[work] > 0 or weld[body] != weld[work]):
         return None
     # A geom on both sides has the nozzle inside. One that stands on a surface may miss it.
-    over, depth = hit(above - _CLEAR * up, up)
-    return _MM * (_CLEAR - depth) if over == below else _MM * distance
+    over, depth = hit(above - _CLEAR_OF_NOZZLE * up, up)
+    return _MM * (_CLEAR_OF_NOZZLE - depth) if over == below else _MM * distance
 
 
 def needle_size(model: mujoco.MjModel, nozzle: int, name: str) -> tuple[float, float] | None:
@@ -126,7 +126,7 @@ def needle_size(model: mujoco.MjModel, nozzle: int, name: str) -> tuple[float, f
         name: of the geom.
     """
     geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
-    if geom < 0 or model.geom_bodyid[geom] != model.site_bodyid[nozzle] or model.geom_type[geom] not in _ROUND:
+    if geom < 0 or model.geom_bodyid[geom] != model.site_bodyid[nozzle] or model.geom_type[geom] not in _ROUND_GEOMS:
         return None
     radius, half_length, _ = model.geom_size[geom]
     return 2 * _MM * float(radius), 2 * _MM * float(half_length)
@@ -304,7 +304,7 @@ class Machine:
     def depth_in_work(self) -> float | None:
         """Depth of the nozzle in the geom of the work that it touches with all axes at zero; None above it [mm]."""
         height = self._height
-        return max(-height, 0.0) if height is not None and height <= _MM * _CLEAR else None
+        return max(-height, 0.0) if height is not None and height <= _MM * _CLEAR_OF_NOZZLE else None
 
     @cached_property
     def _height(self) -> float | None:

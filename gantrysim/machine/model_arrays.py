@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 
 # arrays of MuJoCo's model that a perturbation changes
-_CHANGED = (
+_CHANGED_ARRAYS = (
     "body_mass",
     "body_gravcomp",
     "qpos0",
@@ -45,7 +45,7 @@ class ModelArrays:
 
     def __init__(self, model: mujoco.MjModel | ModelArrays) -> None:
         self.compiled: mujoco.MjModel = compiled_of(model)
-        for name in _CHANGED:
+        for name in _CHANGED_ARRAYS:
             setattr(self, name, getattr(model, name).copy())
 
     def __getattr__(self, name: str) -> Any:

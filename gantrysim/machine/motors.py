@@ -26,8 +26,8 @@ CURRENT_RATE = 1
 BRISTLE_STIFFNESS = 5
 BRISTLE_DAMPING = 6
 
-_NEGLIGIBLE = 1e-30
-_KEPT = 16  # models of which it is remembered whether each spring has an axis
+_NEGLIGIBLE_FACTOR = 1e-30
+_REMEMBERED_MODELS = 16  # models of which it is remembered whether each spring has an axis
 
 
 def set_for_steps(model: mujoco.MjModel, timestep: float, voltage: bool, stops: bool) -> None:
@@ -74,7 +74,7 @@ def smooth_model(model: mujoco.MjModel) -> mujoco.MjModel:
     smooth = copy.copy(model)
     motors = dcmotors(model)
     # not zero: MuJoCo would then expect no bristle activation
-    smooth.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= _NEGLIGIBLE**motors
+    smooth.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= _NEGLIGIBLE_FACTOR**motors
     smooth.actuator_biasprm[:, [COGGING]] *= 1 - motors
     smooth.dof_frictionloss[:] = 0
     smooth.tendon_frictionloss[:] = 0
@@ -87,7 +87,7 @@ def driven_joints(model: mujoco.MjModel) -> list[int]:
     return joints
 
 
-@lru_cache(_KEPT)
+@lru_cache(_REMEMBERED_MODELS)
 def springs_have_axes(model: mujoco.MjModel) -> bool:
     """Return whether each axis can have its own stiffness factor: there is one axis, or one for every spring."""
     if model.nactuator == 1:

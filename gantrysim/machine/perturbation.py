@@ -39,7 +39,7 @@ from gantrysim.servo.axis_dynamics import Friction
 
 # one value for all axes, one per axis, or those of some axes by their names; these are kept as pairs
 PerAxis = float | tuple[float, ...] | Mapping[str, float] | tuple[tuple[str, float], ...]
-FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
+VARIED_FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Perturbation:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "payload", finite("payload", self.payload, "kg"))
-        for name in FACTORS:
+        for name in VARIED_FACTORS:
             self._check(name, f"factor of {name}", positive)
         self._check("home_offset", "home_offset", finite)
         try:
@@ -141,7 +141,7 @@ def is_plain(model: mujoco.MjModel, perturbations: Sequence[Perturbation]) -> bo
     if sum(perturbation.payload for perturbation in perturbations) < 0:
         return False
     new = perturbations[-1]
-    of_axes = [value for name in (*FACTORS, "home_offset") if isinstance(value := getattr(new, name), tuple)]
+    of_axes = [value for name in (*VARIED_FACTORS, "home_offset") if isinstance(value := getattr(new, name), tuple)]
     if any(_is_by_name(value) or len(value) != model.nactuator for value in of_axes):
         return False
     return isinstance(new.stiffness, float) or springs_have_axes(model)
@@ -221,7 +221,7 @@ def perturbed_arrays(
 def _scale(model: mujoco.MjModel | ModelArrays, perturbation: Perturbation, axes: Sequence[Axis]) -> None:
     """Multiply by the factors of a perturbation."""
     names = [axis.name for axis in axes]
-    friction, viscous, stiffness, constant = (perturbation.per_axis(name, names) for name in FACTORS)
+    friction, viscous, stiffness, constant = (perturbation.per_axis(name, names) for name in VARIED_FACTORS)
     # most perturbations after the first one change a single quantity
     if (friction != 1).any() or (viscous != 1).any():
         _scale_friction(model, friction, viscous)

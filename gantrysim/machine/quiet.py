@@ -25,7 +25,7 @@ def heard(text: bytes) -> None:
         said.append(text)
 
 
-_HEARD = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(heard)
+_WARNING_HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(heard)
 
 
 def silence(blocks: int) -> None:
@@ -34,7 +34,7 @@ def silence(blocks: int) -> None:
     with _lock:
         if not _blocks:
             _loud = mujoco.get_mju_user_warning()
-            mujoco.set_mju_user_warning(_HEARD)
+            mujoco.set_mju_user_warning(_WARNING_HANDLER)
         _blocks += blocks
         if not _blocks:
             mujoco.set_mju_user_warning(_loud)

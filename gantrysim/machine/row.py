@@ -61,7 +61,7 @@ POINTS = (
 )
 NEVER = 2**40  # tick of what does not happen in a run
 
-_WHOLE = [
+_INTEGER_FIELDS = [
     "magic",
     "address",  # of this row
     "axes",
@@ -165,7 +165,7 @@ _AXIS_STATE = [
     "swings",
 ]
 ROW = np.dtype(
-    [(name, np.int64) for name in _WHOLE]
+    [(name, np.int64) for name in _INTEGER_FIELDS]
     + [(name, np.float64) for name in ("period", "position_error", "settle_error", "fault_value", "fault_limit")]
     + [(name, np.int64, (MAX_AXES,)) for name in _AXIS_WHOLE]
     + [("stage_until", np.int64, (len(POINTS),))]  # number of the first stage after each point

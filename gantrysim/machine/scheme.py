@@ -14,16 +14,16 @@ from gantrysim.machine.quiet import quiet
 _MM = 1e3
 _SIDES = 12  # of a drawn circle
 _LEAST_SIZE = 0.003  # half the longest edge below which a solid is left out [m]
-_ROUND = (int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_CAPSULE))
+_ROUND_GEOMS = (int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_CAPSULE))
 _WITHOUT_BODY = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 # seen from the front, from the right and from above
 _TURN = np.radians(-30.0)
 _TILT = np.radians(25.0)
 _RIGHT = np.array([np.cos(_TURN), -np.sin(_TURN), 0.0])
-_AWAY = np.array([np.cos(_TILT) * np.sin(_TURN), np.cos(_TILT) * np.cos(_TURN), -np.sin(_TILT)])
-_UP = np.cross(_RIGHT, _AWAY)
-_LIGHT = np.array([0.2, -0.45, 0.87])
+_VIEW_DIRECTION = np.array([np.cos(_TILT) * np.sin(_TURN), np.cos(_TILT) * np.cos(_TURN), -np.sin(_TILT)])
+_VIEW_UP = np.cross(_RIGHT, _VIEW_DIRECTION)
+_LIGHT_DIRECTION = np.array([0.2, -0.45, 0.87])
 
 # corners of a box of half lengths 1, and of its six faces in a round
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
@@ -69,20 +69,20 @@ def _polygons(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[tuple[floa
         centre = data.geom_xpos[geom]
         turn = data.geom_xmat[geom].reshape(3, 3)
         middle = centre + turn @ model.geom_aabb[geom, :3]
-        if kind in _ROUND:
+        if kind in _ROUND_GEOMS:
             corners = centre + _ring(model.geom_size[geom]) @ turn.T
             try:
-                seen = ConvexHull(_MM * corners @ np.stack([_RIGHT, _UP], axis=1))
+                seen = ConvexHull(_MM * corners @ np.stack([_RIGHT, _VIEW_UP], axis=1))
             except QhullError:  # of no extent in the picture
                 continue
-            yield float(middle @ _AWAY), seen.points[seen.vertices], _shade(rgba, -_AWAY)
+            yield float(middle @ _VIEW_DIRECTION), seen.points[seen.vertices], _shade(rgba, -_VIEW_DIRECTION)
             continue
         corners = middle + (_CORNERS * half) @ turn.T
         for face, normal in zip(_FACES, _NORMALS @ turn.T, strict=True):
-            if normal @ _AWAY < 0:
+            if normal @ _VIEW_DIRECTION < 0:
                 places = corners[list(face)]
-                picture = _MM * places @ np.stack([_RIGHT, _UP], axis=1)
-                yield float(places.mean(axis=0) @ _AWAY), picture, _shade(rgba, normal)
+                picture = _MM * places @ np.stack([_RIGHT, _VIEW_UP], axis=1)
+                yield float(places.mean(axis=0) @ _VIEW_DIRECTION), picture, _shade(rgba, normal)
 
 
 def _ring(size: Floats) -> Floats:
@@ -95,5 +95,5 @@ def _ring(size: Floats) -> Floats:
 
 def _shade(rgba: Floats, normal: Floats) -> str:
     """Return the colour of a face in the light."""
-    light = 0.65 + 0.35 * max(float(normal @ _LIGHT), 0.0)
+    light = 0.65 + 0.35 * max(float(normal @ _LIGHT_DIRECTION), 0.0)
     return "#" + bytes(np.round(255 * np.clip(light * rgba[:3], 0, 1)).astype(np.uint8).tolist()).hex()

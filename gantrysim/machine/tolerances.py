@@ -13,7 +13,7 @@ from gantrysim.base.errors import InputError, at_least, unknown, whole_number
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import springs_have_axes
-from gantrysim.machine.perturbation import FACTORS, Perturbation
+from gantrysim.machine.perturbation import VARIED_FACTORS, Perturbation
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ class Tolerances:
             machine: the nominal machine, which gives the axes.
         """
         axes = machine.axis_names
-        names = ["payload_kg", *(f"{name}_{axis}" for name in FACTORS for axis in axes)]
+        names = ["payload_kg", *(f"{name}_{axis}" for name in VARIED_FACTORS for axis in axes)]
         unit = dict(zip(names, random.random(len(names)), strict=True))
         # a factor common to all axes, as of springs that no single axis carries, is the first axis'
-        unit |= {name: unit[f"{name}_{axes[0]}"] for name in FACTORS}
+        unit |= {name: unit[f"{name}_{axes[0]}"] for name in VARIED_FACTORS}
         columns = self.columns(machine)
         geometry = [name for name in columns if name not in unit]
         unit |= dict(zip(geometry, random.random(len(geometry)), strict=True))
@@ -124,7 +124,7 @@ class Tolerances:
     def columns(self, machine: Machine) -> dict[str, float]:
         """Return the tolerance of every varying factor by its column name, such as friction_x."""
         columns = {"payload_kg": self.payload} if self.payload else {}
-        for name in FACTORS:
+        for name in VARIED_FACTORS:
             tolerance = getattr(self, name)
             if not tolerance:
                 continue
@@ -139,7 +139,7 @@ class Tolerances:
         """Return the perturbation with one machine's values by column name."""
         axes = machine.axis_names
         given: dict[str, Any] = {}
-        for name in FACTORS:
+        for name in VARIED_FACTORS:
             if name in values:
                 given[name] = values[name]
             elif f"{name}_{axes[0]}" in values:
@@ -157,7 +157,7 @@ def _scaled_tolerance(name: str, tolerance: float, unit: Floats) -> Floats:
 
 def in_words(factor: str) -> str:
     """Return the label of a tolerance or of a column, such as "friction of x"."""
-    for name in ("payload", *FACTORS, *sorted(ERRORS, key=len, reverse=True)):
+    for name in ("payload", *VARIED_FACTORS, *sorted(ERRORS, key=len, reverse=True)):
         label = "viscous friction" if name == "viscous" else name.replace("_", " ")
         if factor in (name, f"{name}_kg"):
             return label

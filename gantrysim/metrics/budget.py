@@ -139,7 +139,7 @@ def _normals(analysis: Analysis, servo: Part, block: slice) -> tuple[Floats, Flo
 # and neither its errors nor their causes are known.
 
 _ROUNDING = 1e-6  # of distances and links [mm]
-_PLACES = 256  # at which the whole path is searched for a nearer point
+_SEARCHED_PLACES = 256  # at which the whole path is searched for a nearer point
 
 
 def contradictions(analysis: Analysis, chain: list[Trace], links: dict[str, Part]) -> Iterator[str]:
@@ -160,7 +160,7 @@ def contradictions(analysis: Analysis, chain: list[Trace], links: dict[str, Part
             excess = part.at(block).size - largest_link(before, after, block)
             yield from _worst(f"the link {name}", excess, "its two points are apart", analysis, block)
     distance = chain[-1].foot.distance
-    rows = np.unique(np.append(np.linspace(0, distance.size - 1, _PLACES).astype(np.intp), distance.argmax()))
+    rows = np.unique(np.append(np.linspace(0, distance.size - 1, _SEARCHED_PLACES).astype(np.intp), distance.argmax()))
     nearest = run.requested.project(at_rows(run.nozzle, analysis.ticks[rows])).distance
     excess = np.full(distance.size, -np.inf)
     excess[rows] = nearest - distance[rows]
@@ -190,7 +190,7 @@ DESCRIPTIONS: dict[str, str] = {
 }
 
 _PERCENTILE = 95.0
-_REST = 0.01  # of a turn
+_TURN_ROUNDING = 0.01  # of a turn
 _NO_ERROR = 1e-9  # largest rms of mere rounding [mm]
 _RMS, *_, _SHARE = PART_COLUMNS
 
@@ -351,7 +351,7 @@ class Budget:
         if turned.size:
             # in place: a long run has room for few arrays
             turned /= 2 * np.pi
-            whole = np.ceil(turned[-1] - _REST)
+            whole = np.ceil(turned[-1] - _TURN_ROUNDING)
             np.floor(turned, out=turned)
             turn[first:last] = np.clip(turned, 0, max(whole - 1, 0), out=turned)
         return turn

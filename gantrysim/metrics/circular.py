@@ -27,7 +27,7 @@ from gantrysim.record.run import Run
 
 # Circles through and around points: the least-squares circle and the minimum zone.
 
-_ROUNDS = 60
+_FIT_ROUNDS = 60
 _SECTORS = 36  # enough that the first linear program holds most of the points that bound the zone
 _TOLERANCE = 1e-12  # of the radius
 
@@ -73,7 +73,7 @@ def least_squares_circle(points: ArrayLike) -> tuple[tuple[float, float], float]
         raise InputError(f"{len(p)} points: must be at least three that do not lie on one line, for a circle")
     c = solution[:2]
     r = float(np.sqrt(solution[2] + solution[:2] @ solution[:2]))
-    for _ in range(_ROUNDS):
+    for _ in range(_FIT_ROUNDS):
         out = q - c
         distance = np.linalg.norm(out, axis=1)
         jacobian = np.column_stack([-out / distance[:, None], -np.ones(len(q))])
@@ -114,7 +114,7 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
 
     r = distances(c)
     counted = _extremes(p - c, r)
-    for _ in range(_ROUNDS):
+    for _ in range(_FIT_ROUNDS):
         width = float(np.ptp(r))
         if width <= least:
             break

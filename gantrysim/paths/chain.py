@@ -17,7 +17,7 @@ from gantrysim.paths.lengths import find_swept
 from gantrysim.paths.path import Local, Path, tangent_of
 from gantrysim.paths.pieces import (
     ROW,
-    SHORTEST,
+    SHORTEST_PIECE,
     Coil,
     Line,
     length_of,
@@ -28,8 +28,8 @@ from gantrysim.paths.pieces import (
 Columns = dict[str, NDArray[Any]]
 _PIECES = (Line, Coil)  # a union would be made anew for every piece
 _JOINT = 1e-6  # largest gap between two pieces [mm]
-_EVEN = 0.02  # change of an arc's radius by the rounding of its end point [mm]
-_SHARP = 1e-4  # jump of the unit tangent at a corner
+_RADIUS_ROUNDING = 0.02  # change of an arc's radius by the rounding of its end point [mm]
+_TANGENT_JUMP = 1e-4  # jump of the unit tangent at a corner
 
 
 class _Places(NamedTuple):
@@ -87,7 +87,7 @@ class Chain(Path):
     def __init__(self, pieces: Iterable[Line | Coil | Mapping[str, Any]]) -> None:
         built = [piece if isinstance(piece, _PIECES) else piece_from(piece) for piece in pieces]
         measured = [(piece, length_of(piece)) for piece in built]
-        positive = [(piece, length) for piece, length in measured if length > SHORTEST]
+        positive = [(piece, length) for piece, length in measured if length > SHORTEST_PIECE]
         if not positive:
             raise InputError("chain: must have a piece of positive length")
         self.pieces: tuple[Line | Coil, ...] = tuple(piece for piece, _ in positive)
@@ -160,8 +160,8 @@ class Chain(Path):
     @cached_property
     def corners(self) -> Floats:
         joints = self._s[1:-1]
-        jump = self.tangent(joints + SHORTEST) - self.tangent(joints - SHORTEST)
-        return joints[np.linalg.norm(jump, axis=1) > _SHARP]
+        jump = self.tangent(joints + SHORTEST_PIECE) - self.tangent(joints - SHORTEST_PIECE)
+        return joints[np.linalg.norm(jump, axis=1) > _TANGENT_JUMP]
 
     @property
     def joints(self) -> Floats:
@@ -173,7 +173,7 @@ class Chain(Path):
         spacing = {
             round(abs((piece.radius[1] - piece.radius[0]) * 2 * np.pi / piece.angle), 6)
             for piece in self.pieces
-            if isinstance(piece, Coil) and abs(piece.radius[1] - piece.radius[0]) > _EVEN
+            if isinstance(piece, Coil) and abs(piece.radius[1] - piece.radius[0]) > _RADIUS_ROUNDING
         }
         return spacing.pop() if len(spacing) == 1 else None
 
@@ -292,11 +292,11 @@ def _find_places(k: NDArray[np.intp], distance: Floats, columns: _Columns, place
         if places.climb.size:
             places.climb[i] = columns.straight[j]
             if is_coil:
-                places.climb[i] = 0.0 if c == 0.0 else c / max(np.hypot(np.hypot(rho, b), c), SHORTEST)
+                places.climb[i] = 0.0 if c == 0.0 else c / max(np.hypot(np.hypot(rho, b), c), SHORTEST_PIECE)
         if places.turning.size:
             places.turning[i] = 0.0
             if is_coil:
-                places.turning[i] = turn * (flat + b * b) / max(flat * np.sqrt(flat + c * c), SHORTEST**3)
+                places.turning[i] = turn * (flat + b * b) / max(flat * np.sqrt(flat + c * c), SHORTEST_PIECE**3)
 
 
 @jit

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats, dot
 
-_BESIDE = 1e-11  # of a corner, where its legs' frames are taken [mm],
+_BESIDE_CORNER = 1e-11  # of a corner, where its legs' frames are taken [mm],
 _BESIDE_ROUNDING = 4.0  # and at least so many times the rounding of its arc length
 _AT_CORNER = 1e-8  # largest distance of a foot that is the corner [mm]
 _ON_EDGE = 1e-9  # of the wedge outside a corner, by rounding [mm]
@@ -84,7 +84,7 @@ class Corners:
     def of(cls, path: Framed) -> Corners:
         """Return the corners of a path."""
         s = path.corners
-        inset = np.maximum(_BESIDE, _BESIDE_ROUNDING * np.spacing(s))
+        inset = np.maximum(_BESIDE_CORNER, _BESIDE_ROUNDING * np.spacing(s))
         before = path.tangent(s - inset)
         after = path.tangent(s + inset)
         normal = path.normal(s - inset)

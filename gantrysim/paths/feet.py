@@ -15,7 +15,7 @@ from gantrysim.base.columns import Column
 from gantrysim.base.jit import jit
 from gantrysim.paths.nearest import find_assignment
 
-_LONGEST = 0.05  # chord of the path [mm]
+_LONGEST_CHORD = 0.05  # chord of the path [mm]
 _MOST_POINTS = 10_000  # of the trace; of a longer one every k-th is taken, and between them the progress is even
 _MOST_CHORDS = 1_000_000  # of the path
 _MOST_CELLS = 100_000_000  # of the dynamic program, a byte each
@@ -58,7 +58,7 @@ def assigned_progress(path: SearchedPath, trace: Floats, between: Floats | None 
         between = np.tile([[0.0], [path.length]], len(trace))
     rows = np.unique(np.linspace(0, len(trace) - 1, min(len(trace), _MOST_POINTS)).astype(np.intp))
     widest = float((between[1, rows] - between[0, np.maximum(rows - 1, 0)]).max())
-    longest = max(_LONGEST, path.length / _MOST_CHORDS, widest * rows.size / _MOST_CELLS)
+    longest = max(_LONGEST_CHORD, path.length / _MOST_CHORDS, widest * rows.size / _MOST_CELLS)
     even = np.linspace(0.0, path.length, max(int(np.ceil(path.length / longest)), 1) + 1)
     s = np.union1d(even, path.corners)
     tried = np.clip(np.searchsorted(s, between[:, rows], side="right") - 1, 0, s.size - 2)
@@ -148,12 +148,12 @@ class Local:
         return self.frames[self.plane, k]
 
 
-_STEPS = 60
+_NEWTON_STEPS = 60
 # of Newton's method, after which the error is of the order of its square, and the path a line [mm]
 _LAST_STEP = 1e-7
 _BISECTED = 1e-11  # interval that is no longer halved [mm]
 # inside the ends of a smooth part, where its own tangent holds, not that behind a corner [mm]
-_INSIDE = 1e-11
+_INSIDE_PART = 1e-11
 _INSIDE_ROUNDING = 4.0  # and at least so many times the rounding of the arc length
 
 
@@ -195,7 +195,7 @@ def foot_between(local: Callable[[Floats], Local], p: Floats, low: Floats, high:
         high: end of each part, (n,) [mm].
         guess: of the foot, (n,) [mm].
     """
-    inset = np.maximum(_INSIDE, _INSIDE_ROUNDING * np.spacing(high))
+    inset = np.maximum(_INSIDE_PART, _INSIDE_ROUNDING * np.spacing(high))
     first = np.minimum(low + inset, high)
     last = np.maximum(high - inset, first)
     s = np.clip(guess, first, last)
@@ -204,8 +204,8 @@ def foot_between(local: Callable[[Floats], Local], p: Floats, low: Floats, high:
     n = len(p)
     feet = _Feet(*(np.empty((n, 3) if name == "offset" else n) for name in _Feet._fields))
     rows = np.arange(n)
-    for step in range(_STEPS + 1):
-        rows = rows[: _approach(search, rows, local(s[rows]).columns, feet, step == _STEPS)]
+    for step in range(_NEWTON_STEPS + 1):
+        rows = rows[: _approach(search, rows, local(s[rows]).columns, feet, step == _NEWTON_STEPS)]
         if not rows.size:
             break
     return Projection(*feet)

@@ -18,7 +18,7 @@ from gantrysim.base.jit import jit
 _NEWTON_STEPS = 60
 _LAST_STEP = 1e-8  # relative; the remaining error is of the order of its square
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-_EVEN = 0.3  # relative change of the radius up to which the quadrature is exact to rounding
+_EVEN_RADIUS = 0.3  # relative change of the radius up to which the quadrature is exact to rounding
 
 
 def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Floats:
@@ -51,7 +51,7 @@ def _length(r, b, c, angle):
 def _is_even(r, b, c, angle):
     """Whether the radius changes so little up to an angle that `_quadrature` is exact."""
     middle = r + 0.5 * b * angle
-    return abs(b * angle) <= _EVEN * np.sqrt(middle * middle + c * c)
+    return abs(b * angle) <= _EVEN_RADIUS * np.sqrt(middle * middle + c * c)
 
 
 @jit

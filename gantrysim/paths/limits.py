@@ -19,8 +19,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
 
-MARGIN = 1e-3  # share of an acceleration limit reserved for excesses between nodes
-_FEWEST = 8  # intervals of a piece
+LIMIT_MARGIN = 1e-3  # share of an acceleration limit reserved for excesses between nodes
+_PIECE_INTERVALS = 8  # intervals of a piece
 _MOST_NODES = 2_000_000  # nodes of a path
 
 
@@ -123,7 +123,7 @@ def nodes(ends: ArrayLike, step: ArrayLike) -> tuple[Floats, NDArray[np.intp]]:
         InputError: too many nodes for the memory.
     """
     edges = np.concatenate([[0.0], np.atleast_1d(np.asarray(ends, float))])
-    intervals = np.maximum(np.ceil(np.diff(edges) / np.asarray(step, float)), _FEWEST)
+    intervals = np.maximum(np.ceil(np.diff(edges) / np.asarray(step, float)), _PIECE_INTERVALS)
     if not intervals.sum() <= _MOST_NODES:
         raise InputError(
             f"path of {edges[-1]:g} mm in {edges.size - 1} pieces: needs {intervals.sum():.3g} nodes "
@@ -196,7 +196,7 @@ def fastest(
     """
     s, first, second = derivatives
     top = np.broadcast_to(np.asarray(speed, float), s.shape) ** 2
-    limit = np.asarray(acceleration, float) * (1 - MARGIN)
+    limit = np.asarray(acceleration, float) * (1 - LIMIT_MARGIN)
     with np.errstate(divide="ignore", invalid="ignore"):
         for bound in ((np.asarray(velocity, float) / np.abs(first)) ** 2, limit / np.abs(second)):
             # one after the other, as NumPy takes short rows slowly

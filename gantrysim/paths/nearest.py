@@ -29,9 +29,9 @@ from gantrysim.base.jit import jit
 
 _FADING = 0.5  # of the lag, per millimetre of progress
 _LEAST_RADIUS = 1e-6  # radius within which the path stays [mm]
-_SAFE = 0.5  # of the least radius of curvature
-_FEW = 2  # chords from the place, up to which a search from there is as short
-_NEAR = 0.26  # more than the square of half a chord, of the square of the widest
+_SAFE_DISTANCE = 0.5  # of the least radius of curvature
+_FEW_CHORDS = 2  # chords from the place, up to which a search from there is as short
+_NEAR_SQUARE = 0.26  # more than the square of half a chord, of the square of the widest
 _SKIP_ROUNDING = 1e-9  # of the number of chords between two distances
 _LEAST_SLOPE = 0.5  # of a guess: nearer to the centre of curvature the foot is sought from there
 _ON_PATH = 1e-3  # distance of a command that lies on the path: the sagitta of chords, and rounding [mm]
@@ -218,10 +218,10 @@ def _nearest_chord_from(table, point, chords, between, smooth, tightest):
     least, foot = to_chord(points, start, x, y, z, (_share_at(s, start, low), _share_at(s, start, high)))
     # no larger than the least square of a distance
     bound = least
-    if abs(near - start) > _FEW and s[near] < high and s[near + 1] > low:
+    if abs(near - start) > _FEW_CHORDS and s[near] < high and s[near + 1] > low:
         square, share = to_chord(points, near, x, y, z, (_share_at(s, near, low), _share_at(s, near, high)))
         bound = min(bound, square)
-        reach = max(_SAFE * tightest - (high - low), 0.0)
+        reach = max(_SAFE_DISTANCE * tightest - (high - low), 0.0)
         # there is one nearest point: it does not matter where the search begins
         if low >= smooth[0] and high <= smooth[1] and max(square, least) < reach * reach:
             start = best = near
@@ -234,7 +234,7 @@ def _nearest_chord_from(table, point, chords, between, smooth, tightest):
             first = _square_to(points, i, x, y, z)
             last = _square_to(points, i + 1, x, y, z)
             # the foot on a chord is within half of it from an end
-            if min(first, last) < bound + _NEAR * widest * widest:
+            if min(first, last) < bound + _NEAR_SQUARE * widest * widest:
                 begin = _share_at(s, i, low) if s[i] < low else 0.0
                 end = _share_at(s, i, high) if s[i + 1] > high else 1.0
                 square, share = to_chord(points, i, x, y, z, (begin, end))
@@ -244,7 +244,7 @@ def _nearest_chord_from(table, point, chords, between, smooth, tightest):
                     best = i
                     foot = share
             square, before, remaining = (last, first, high - s[i + 1]) if ahead else (first, last, s[i] - low)
-            reach = max(_SAFE * tightest - remaining, 0.0)
+            reach = max(_SAFE_DISTANCE * tightest - remaining, 0.0)
             if is_smooth and before < square < reach * reach:
                 break
             skipped = 1

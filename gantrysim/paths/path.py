@@ -35,9 +35,9 @@ _MOST_PARTS = 64  # of a chord, where the path is curved: a spiral may end at it
 _TABLE_SIZE = (256, 1_000_000)  # beyond that the spacing grows,
 _WIDEST_SPACING = 0.5  # but not above that [mm]: a bead's neighbour is further away
 UPRIGHT = read_only(np.eye(3)[None])  # the frame of the XY plane
-_LONGEST = 1e7  # that memory has room for: 640 MB of points [mm]
+_LONGEST_PATH = 1e7  # that memory has room for: 640 MB of points [mm]
 _ROUNDING = 1e-9  # of a number of chords
-_INSIDE = 1e-6  # of a chord's length, from its ends
+_INSIDE_CHORD = 1e-6  # of a chord's length, from its ends
 
 
 class Path(ABC):
@@ -108,15 +108,17 @@ class Path(ABC):
         Raises:
             InputError: a path too long for the table.
         """
-        if self.length > _LONGEST:
-            raise InputError(f"path length = {self.length:.4g} mm: must be at most {_LONGEST:g} mm to find feet on it")
+        if self.length > _LONGEST_PATH:
+            raise InputError(
+                f"path length = {self.length:.4g} mm: must be at most {_LONGEST_PATH:g} mm to find feet on it"
+            )
         count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE))
         spacing = min(self.length / count, _WIDEST_SPACING)
         edges = np.concatenate([[0.0], self.joints, [self.length]])
         s = _divided_spans(edges, np.ceil(np.diff(edges) / spacing - _ROUNDING))
         sizes = np.diff(s)
         # of the piece on which each chord lies
-        inside = _INSIDE * sizes
+        inside = _INSIDE_CHORD * sizes
         bend = np.maximum(np.abs(self.curvature(s[:-1] + inside)), np.abs(self.curvature(s[1:] - inside)))
         sagitta = _SAGITTA * max(spacing / _TABLE_SPACING, 1.0) ** 2
         s = _divided_spans(s, np.minimum(np.ceil(sizes * np.sqrt(bend / (8 * sagitta))), _MOST_PARTS))

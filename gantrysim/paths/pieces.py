@@ -23,7 +23,7 @@ YZ: Frame = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 XZ: Frame = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 _PLANES = (XY, ZX, YZ, XZ)
 
-SHORTEST = 1e-9  # length up to which a piece is dropped [mm]
+SHORTEST_PIECE = 1e-9  # length up to which a piece is dropped [mm]
 _SQUARE = 1e-9  # tolerance of a frame's scalar products
 
 # a piece as a row of numbers
@@ -90,7 +90,7 @@ class Coil:
         if not all(map(math.isfinite, (*self.centre, *self.radius, self.begin, self.angle, self.rise))):
             raise _infinite("coil", vars(self))
         _check_frame("coil", self.frame)
-        if min(self.radius) < -SHORTEST:
+        if min(self.radius) < -SHORTEST_PIECE:
             raise InputError(f"coil: radius = {min(self.radius):g} mm: must be at least 0 mm")
         if not self.angle and (self.rise or self.radius[0] != self.radius[1]):
             raise InputError("coil: angle = 0 rad: must not be 0 where the radius or the height changes")

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 _SMALLEST_LENGTH = 1e-9  # length, or angle of an arc, that counts [mm, rad]
-_REACH = 1e-6  # by which rounding may miss a circle that is only touched [mm]
-_FULL = 2 * math.pi
+_TOUCH_ROUNDING = 1e-6  # by which rounding may miss a circle that is only touched [mm]
+_FULL_TURN = 2 * math.pi
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ class PlaneMove:
     def _way(self, begin: complex, end: complex) -> float:
         if self.centre is None:
             return ((end - begin) * self.first_tangent.conjugate()).real
-        way = self.sense * cmath.phase((end - self.centre) / (begin - self.centre)) % _FULL
-        return 0.0 if _FULL - way < _SMALLEST_LENGTH else way
+        way = self.sense * cmath.phase((end - self.centre) / (begin - self.centre)) % _FULL_TURN
+        return 0.0 if _FULL_TURN - way < _SMALLEST_LENGTH else way
 
     def begun_at(self, place: complex) -> PlaneMove:
         """Return the move from a place near its start, at the end of a move that passes almost straight into it."""
@@ -147,7 +147,7 @@ def _line_and_circle(line: PlaneMove, arc: PlaneMove) -> Iterator[complex]:
     # along and across the line
     arm = (arc.centre - line.start) * tangent.conjugate()
     radius = abs(arc.end - arc.centre)
-    if abs(arm.imag) > radius + _REACH:
+    if abs(arm.imag) > radius + _TOUCH_ROUNDING:
         return
     half = math.sqrt(max(radius**2 - arm.imag**2, 0.0))
     foot = line.start + arm.real * tangent
@@ -160,7 +160,7 @@ def _circles(first: complex, first_radius: float, second: complex, second_radius
     if apart < _SMALLEST_LENGTH:
         return
     along = (apart**2 + first_radius**2 - second_radius**2) / (2 * apart)
-    if abs(along) > first_radius + _REACH:
+    if abs(along) > first_radius + _TOUCH_ROUNDING:
         return
     half = math.sqrt(max(first_radius**2 - along**2, 0.0))
     direction = (second - first) / apart

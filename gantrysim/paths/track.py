@@ -11,7 +11,7 @@ from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.errors import InputError
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.lengths import arc_length
-from gantrysim.paths.pieces import SHORTEST
+from gantrysim.paths.pieces import SHORTEST_PIECE
 
 
 class Track(Chain):
@@ -54,7 +54,7 @@ class Track(Chain):
             frame = self._frames[self._plane]
         lengths = np.sqrt(((self._end - begin) ** 2).sum(axis=1))
         direction = self._end - begin
-        direction /= np.maximum(np.where(coil, 1.0, lengths), SHORTEST)[:, None]
+        direction /= np.maximum(np.where(coil, 1.0, lengths), SHORTEST_PIECE)[:, None]
         direction[coil] = 0.0
         columns: dict[str, NDArray[Any]] = {
             "coil": coil,
@@ -69,7 +69,7 @@ class Track(Chain):
         if has_coils:
             lengths[coil] = self._coils(columns, coil, begin)
         self._columns = columns
-        if lengths.min() <= SHORTEST:
+        if lengths.min() <= SHORTEST_PIECE:
             raise InputError(f"track: piece {int(lengths.argmin()) + 1} of zero length: must be longer")
         self._s = np.concatenate([[0.0], np.cumsum(lengths)])
         self._continue_headings(lengths)

@@ -46,7 +46,7 @@ DRIVES = tuple(
     )
 )
 # in x, y and z of the work frame
-POINTS = tuple(
+POINT_COLUMNS = tuple(
     _signal(attribute, label, "mm", meaning).by_axis(())
     for attribute, label, meaning in (
         ("commanded_tip", "commanded nozzle", "Nozzle of a rigid machine at the commanded positions"),
@@ -60,7 +60,7 @@ GLUE = (
     _signal("flow_demand", "requested flow", "mm³/s", "Flow requested by the program over the same period"),
     _signal("dispense", "dispenser", "", "Whether the dispenser is commanded to be on"),
 )
-SIGNALS = (TIME, *POSITIONS, *DRIVES, *POINTS, *GLUE)
+SIGNALS = (TIME, *POSITIONS, *DRIVES, *POINT_COLUMNS, *GLUE)
 
 
 class Record(Protocol):
@@ -119,7 +119,7 @@ def _all_columns(run: Record) -> list[_Named]:
         named += [_Named(signal.of_axis(axis, unit), k) for k, (axis, unit) in enumerate(axes)]
     for signal in DRIVES:
         named += [_Named(signal.of_axis(axis), k) for k, (axis, _) in enumerate(axes)]
-    for signal in POINTS:
+    for signal in POINT_COLUMNS:
         named += [_Named(signal.of_axis(axis), k) for k, axis in enumerate("xyz")]
     named += [_Named(signal) for signal in GLUE]
     if len({entry.label for entry in named}) < len(named):

@@ -30,7 +30,7 @@ from gantrysim.record.setpoints import progress_fault
 CHECKSUM = "sha256"
 _SUFFIX = ".npy"
 _VERSION = (1, 0)  # of a header
-_LONGEST = 200  # characters of an error that is quoted
+_ERROR_LENGTH = 200  # characters of an error that is quoted
 _MEMBERS = 64  # more than any archive has
 # Deflate packs up to 1032 bytes into one. Records of a machine at rest reach 93, as all but their time is constant.
 _EXPANSION = 250
@@ -137,7 +137,7 @@ def open_archive(stream: BinaryIO) -> Iterator[Archive]:
     except InputError:
         raise
     except Exception as error:  # whatever zipfile, zlib and NumPy raise for damaged files
-        raise InputError(text_of(error)[:_LONGEST]) from None
+        raise InputError(text_of(error)[:_ERROR_LENGTH]) from None
 
 
 def write_archive(stream: BinaryIO, arrays: Mapping[str, Any]) -> None:
@@ -226,7 +226,7 @@ class Fault:
 RUN = "run.npz"  # the record in an output folder
 
 _FORMAT = 8  # a number of its own for every change of the members; no other is read
-_NUMBERS = ("period", "gap", "face", "needle_length")
+_NUMBER_FIELDS = ("period", "gap", "face", "needle_length")
 _TEXTS = ("machine", "requested", "fault", "injected", "job_sha256", "machine_sha256")
 _LISTS = ("axes", "units")
 # columns of each array; None for one per axis, 0 for a vector
@@ -243,7 +243,8 @@ _OPTIONAL = {
     "analogue": 0,
 }  # columns that a record may lack
 _NAN = ("current", "voltage")
-_LAST = ("demand", "torque", "current", "voltage")  # not finite where a fault ends the run, in the tick that diverged
+# not finite where a fault ends the run, in the tick that diverged
+_DIVERGED_COLUMNS = ("demand", "torque", "current", "voltage")
 
 
 def write_record(stream: BinaryIO, content: Mapping[str, Any]) -> None:
@@ -282,7 +283,7 @@ def _content(archive: Archive) -> dict[str, Any]:
     _check_members(archive.members)
     raw = {name: archive.read(name) for name in sorted(archive.members.keys() - {"format", CHECKSUM})}
     archive.check()
-    content: dict[str, Any] = {name: float(array_of(raw.pop(name))) for name in _NUMBERS}
+    content: dict[str, Any] = {name: float(array_of(raw.pop(name))) for name in _NUMBER_FIELDS}
     content |= {name: str(raw.pop(name)) for name in _TEXTS}
     content |= {name: tuple(str(item) for item in array_of(raw.pop(name))) for name in _LISTS}
     path = json.loads(content["requested"])
@@ -324,7 +325,7 @@ def _check_members(members: Mapping[str, Member]) -> None:
     if len(rows) != 1 or len(axes) != 1 or not rows[0] or not axes[0]:
         raise InputError("its time or axes are missing")
     expected: dict[str, tuple[str, tuple[int, ...]]] = {"format": ("i", ()), CHECKSUM: ("U", ())}
-    for names, kind, shape in ((_NUMBERS, "f", ()), (_TEXTS, "U", ()), (_LISTS, "U", axes)):
+    for names, kind, shape in ((_NUMBER_FIELDS, "f", ()), (_TEXTS, "U", ()), (_LISTS, "U", axes)):
         expected |= dict.fromkeys(names, (kind, shape))
     present = {name: width for name, width in _OPTIONAL.items() if name in members}
     for name, width in (_COLUMNS | present).items():
@@ -351,7 +352,7 @@ def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]
             raise InputError(f"{name!r} is no name")
     if len(set(content["axes"])) < len(content["axes"]) or not set(content["units"]) <= {"mm", "deg"}:
         raise InputError(f"axes {', '.join(content['axes'])} in {', '.join(content['units'])}")
-    for name in _NUMBERS:
+    for name in _NUMBER_FIELDS:
         number = content[name]
         if not np.isfinite(number) or (name != "gap" and number <= 0):
             raise InputError(f"{name} = {number:g}")
@@ -368,7 +369,7 @@ def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]
     for name, column in columns.items():
         values = array_of(column)
         count = len(values)
-        if name in _LAST and content["fault"] != "null":
+        if name in _DIVERGED_COLUMNS and content["fault"] != "null":
             count -= 1
         # of an axis whose motor is an ideal source of torque
         unknown = name in _NAN and np.isnan(values[0])

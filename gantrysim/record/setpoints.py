@@ -24,7 +24,7 @@ MATERIAL = ("extrusion", "extruder", "analogue")  # columns of what a program as
 _ROUNDING = 1e-9  # relative, of lengths
 
 _MOST_POINTS = 800  # of a drawn line
-_FAINT = 0.5  # opacity of the path without glue
+_FAINT_OPACITY = 0.5  # opacity of the path without glue
 
 
 @dataclass(frozen=True)
@@ -429,7 +429,7 @@ def plan_picture(path: Path, progress: Floats | None, dispense: NDArray[np.bool_
     low = line.min(axis=0)
     wide, high = np.maximum(np.ptp(line, axis=0), 1e-3).tolist()
     pixel = max(wide, high) / 320
-    content = _line(line, pixel, _FAINT)
+    content = _line(line, pixel, _FAINT_OPACITY)
     if progress is not None:
         content += "".join(_line(points, 3 * pixel) for points in _glued_stretches(path, progress, dispense))
     return svg_picture(content, (*low.tolist(), wide, high), "plan view of the setpoints")

@@ -23,14 +23,14 @@ from gantrysim.remedy.outcome import Motion, Outcome, motion_key, time_before_gl
 
 # What was computed of runs, kept as long as there is room for it.
 
-ROOM = memory.LONG_RUN  # [kB]: a tick of a record with its analysis takes one
+KEPT_ROOM = memory.LONG_RUN  # [kB]: a tick of a record with its analysis takes one
 _ROUNDING = 1e-9  # of a burden
 
 _Value = TypeVar("_Value")
 
 
 class Recent(Generic[_Value]):
-    """Values by a key; of those used last, as many as there is `ROOM` for."""
+    """Values by a key; of those used last, as many as there is `KEPT_ROOM` for."""
 
     def __init__(self) -> None:
         # with their sizes [kB]; that used last at the end
@@ -49,7 +49,7 @@ class Recent(Generic[_Value]):
         self._values.pop(key, None)
         self._values[key] = value, size
         total = sum(stored for _, stored in self._values.values())
-        while total > ROOM:
+        while total > KEPT_ROOM:
             oldest = next(iter(self._values))
             total -= self._values.pop(oldest)[1]
 
@@ -220,7 +220,7 @@ class Bench:
                         del prospects[key]
                         known.append(prospect.outcome)
                         self._keep({key: prospect.outcome})
-                forget_worst((prospect.course for prospect in prospects.values()), ROOM)
+                forget_worst((prospect.course for prospect in prospects.values()), KEPT_ROOM)
         self._drop(prospects.values())
         return [self._outcomes.get(key) for key in keys]
 

@@ -42,13 +42,13 @@ from gantrysim.results.verdict import PATH
 
 RUNS = 8
 BY_PLACE = "by-place"  # end of the names of the written files
-_WORTH = 0.7  # share of the burden that is left at most where slow starts and stops help
-_FACTORS = (0.5, 0.85, 1.2, 1.4)  # bounds of the second run's factor, below and above 1
-_SLOWEST = 0.05  # of the programmed speed
-_FASTEST = 4.0  # of the programmed speed
+_WORTH_OF_SLOW_ENDS = 0.7  # share of the burden that is left at most where slow starts and stops help
+_SECOND_FACTORS = (0.5, 0.85, 1.2, 1.4)  # bounds of the second run's factor, below and above 1
+_SLOWEST_SHARE = 0.05  # of the programmed speed
+_FASTEST_SHARE = 4.0  # of the programmed speed
 _COMPENSATIONS = 7  # times of the lag compensation that are tried; they need no run of their own
-_NEAR = 1.03  # times the shortest time, among which the fewest changes of the speed count
-_ENOUGH = 0.005  # share of the time by which another run would have to be shorter
+_NEAR_SHORTEST = 1.03  # times the shortest time, among which the fewest changes of the speed count
+_ENOUGH_TIME = 0.005  # share of the time by which another run would have to be shorter
 _READ_BACK = 1e-6  # relative
 _AS_GOOD = 1e-6  # of a burden
 _FLOW_DIGITS = 4  # of a set point
@@ -198,7 +198,7 @@ def _changed_glue(base: Job, job: Job) -> dict[str, Any]:
 def _in_order(trials: Sequence[_Trial]) -> list[_Trial]:
     """Return runs by time, but first those that take little longer with fewer changes of the speed."""
     by_time = sorted(trials, key=lambda trial: trial.outcome.duration)
-    near = [trial for trial in by_time if trial.outcome.duration <= _NEAR * by_time[0].outcome.duration]
+    near = [trial for trial in by_time if trial.outcome.duration <= _NEAR_SHORTEST * by_time[0].outcome.duration]
     near.sort(key=lambda trial: sum(a != b for a, b in pairwise(trial.speeds.values())))
     return near + by_time[len(near) :]
 
@@ -206,7 +206,7 @@ def _in_order(trials: Sequence[_Trial]) -> list[_Trial]:
 def _is_better(outcome: Outcome, other: Outcome) -> bool:
     if outcome.burden > other.burden:
         return False
-    return outcome.burden < other.burden or outcome.duration < (1 - _ENOUGH) * other.duration
+    return outcome.burden < other.burden or outcome.duration < (1 - _ENOUGH_TIME) * other.duration
 
 
 def _glue_changes(job: Job, bench: Bench) -> list[Mapping[str, Any]]:
@@ -352,7 +352,7 @@ class _Search:
             burden: least of the runs so far, with faster starts and stops.
         """
         trial = self._trial(self._written_speeds(self._model.slow_ends()))
-        if trial.usage is None or trial.outcome.burden >= _WORTH * burden:
+        if trial.usage is None or trial.outcome.burden >= _WORTH_OF_SLOW_ENDS * burden:
             return False
         self._model.add_slow_ends(trial.usage, self._by_stretch(trial.speeds))
         return True
@@ -363,12 +363,12 @@ class _Search:
         worst = float(first.usage.shares.max())
         factor = math.sqrt(TARGET / worst) if worst > 0 else 1.0
         if factor >= 1:
-            return min(max(factor, _FACTORS[2]), _FACTORS[3])
-        return min(max(factor, _FACTORS[0]), _FACTORS[1])
+            return min(max(factor, _SECOND_FACTORS[2]), _SECOND_FACTORS[3])
+        return min(max(factor, _SECOND_FACTORS[0]), _SECOND_FACTORS[1])
 
     def _next_speeds(self) -> dict[int, float]:
         """Return the speeds that the model allows; after a run that fails, half way to them from the best pass."""
-        allowed = self._model.speeds(_SLOWEST, _FASTEST)
+        allowed = self._model.speeds(_SLOWEST_SHARE, _FASTEST_SHARE)
         passing = [trial for trial in self.trials if trial.outcome.passes]
         if passing and not self.trials[-1].outcome.passes:
             best = min(passing, key=lambda trial: trial.outcome.duration)

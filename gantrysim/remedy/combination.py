@@ -1,9 +1,9 @@
 """The best combination of levers, found greedily.
 
 All settings of all levers that are left are tried on top of the combination, and the one with the least burden joins,
-as long as it lowers the burden by at least `SHARE`. Of levers that are as good, the one that takes least joins. Where
-none helps any more, another setting of a lever that has joined is tried: the best loop period, for one, is another once
-its waits are exact.
+as long as it lowers the burden by at least `BURDEN_SHARE`. Of levers that are as good, the one that takes least joins.
+Where none helps any more, another setting of a lever that has joined is tried: the best loop period, for one, is
+another once its waits are exact.
 
 Levers that only need another setting of the controller come first; those that cost cycle time or change the bead join
 where these do not suffice, and other hardware comes last. Where not even that suffices, each lever of the combination
@@ -25,7 +25,7 @@ from gantrysim.remedy.levers.program import FASTER, SLOWER, at_factor
 from gantrysim.remedy.outcome import Outcome, least_burden
 from gantrysim.results.score import usage_of
 
-SHARE = 0.01  # of the burden, by which a lever of the combination lowers it
+BURDEN_SHARE = 0.01  # of the burden, by which a lever of the combination lowers it
 
 
 # the largest burden that counts, for what is known of other jobs
@@ -146,7 +146,7 @@ class Combinations:
                 state = self.state_of(fewer)
             except GantryError:
                 continue
-            if (1 - SHARE) * state.outcome.burden <= present:
+            if (1 - BURDEN_SHARE) * state.outcome.burden <= present:
                 needed = fewer
         return needed
 
@@ -179,19 +179,19 @@ class Combinations:
         if not candidates:
             return None
         present = self.state_of(picks).outcome.burden
-        enough = (1 - SHARE) * present
+        enough = (1 - BURDEN_SHARE) * present
 
         def limit(known: Sequence[Outcome]) -> float:
             """Return the largest burden that may count: near the least one, where that is low enough."""
             least = least_burden(known)
-            return least + SHARE * present if least <= enough else enough
+            return least + BURDEN_SHARE * present if least <= enough else enough
 
         outcomes = self.promising([candidate.job for candidate in candidates], limit)
         burdens = [math.inf if outcome is None else outcome.burden for outcome in outcomes]
         least = min(burdens)
         if least > enough:
             return None
-        near = [k for k, burden in enumerate(burdens) if burden <= least + SHARE * present]
+        near = [k for k, burden in enumerate(burdens) if burden <= least + BURDEN_SHARE * present]
         known = {k: outcome for k, outcome in enumerate(outcomes) if outcome is not None}
         effort = min(candidates[k].added_pick.lever.effort for k in near)
         lever = next(candidates[k].added_pick.lever for k in near if candidates[k].added_pick.lever.effort == effort)
@@ -248,7 +248,7 @@ def _with_one_speed(combinations: Combinations, picks: Sequence[Pick]) -> list[P
         outcome = combinations.state_of(together).outcome
     except GantryError:  # a lever between them has no such setting at that speed
         return list(picks)
-    return together if (1 - SHARE) * outcome.burden <= present.outcome.burden else list(picks)
+    return together if (1 - BURDEN_SHARE) * outcome.burden <= present.outcome.burden else list(picks)
 
 
 def _with_one_less(combinations: Combinations, picks: Sequence[Pick]) -> list[Pick] | None:
@@ -325,7 +325,7 @@ def fewest_levers(
         passing = [
             (rank(outcome), k)
             for k, outcome in enumerate(outcomes)
-            if outcome is not None and outcome.burden == 0 and outcome.duration <= (1 + SHARE) * present.duration
+            if outcome is not None and outcome.burden == 0 and outcome.duration <= (1 + BURDEN_SHARE) * present.duration
         ]
         if passing:
             return list(possible[min(passing)[1]].picks)

@@ -30,9 +30,9 @@ from gantrysim.results.verdict import begun_path_row, limits_with, stability_row
 
 # Shares of a run after which it is judged: most paths that fail do so early. The last is for a run that has come near
 # the limit by then, as each look takes as long as the verdict on a path.
-_EARLY = (0.08, 0.25)
-_LATE = 0.6
-_NEAR = 0.5  # of the limit
+_EARLY_SHARES = (0.08, 0.25)
+_LATE_SHARE = 0.6
+_NEAR_LIMIT = 0.5  # of the limit
 
 
 class Course:
@@ -79,9 +79,9 @@ class Course:
 
     def _shares(self, limit: float) -> Iterator[float]:
         """Yield the shares of the run after which it is judged."""
-        yield from _EARLY
-        if self.burden >= _NEAR * limit:
-            yield _LATE
+        yield from _EARLY_SHARES
+        if self.burden >= _NEAR_LIMIT * limit:
+            yield _LATE_SHARE
 
     def forget(self) -> None:
         """Forget the run, but for the bound of its burden."""

@@ -12,7 +12,7 @@ from gantrysim.results.checks import FAIL, WARN
 from gantrysim.study.speed.report import saturation_of
 from gantrysim.study.speed.study import RESOLUTION, Grade, SpeedAnswer, answer_of, next_speeds_of_grades, speed_changes
 
-_SHORTER = 1e-3  # share of its time by which a program must be shorter to be faster
+_SHORTER_SHARE = 1e-3  # share of its time by which a program must be shorter to be faster
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def fastest_program(job: Job, bench: Bench) -> FastestProgram | None:
     saturation = saturation_of({speed: other.duration for speed, other in tried.items() if not other.failure})
     # beyond a limit of the controller or the ramps, a faster program takes as long
     speed = result.fastest if saturation is None else min(result.fastest, saturation.speed)
-    if tried[speed].duration > (1 - _SHORTER) * outcome.duration:
+    if tried[speed].duration > (1 - _SHORTER_SHARE) * outcome.duration:
         return None
     other = answer_of(grades, Grade.WARNED if grade == Grade.CLEAN else Grade.CLEAN)
     changed = job.changed(speed_changes(job, speed))

@@ -36,8 +36,8 @@ from gantrysim.results.verdict import PATH
 
 _SAME_SECTION = 0.02  # relative
 _SAME_DOT = 10.0  # [%]
-_LONGER = 1.05  # times the job's duration, from which speeds by place are looked for
-WORTH = 0.05  # of the contour error, rms or largest: a cause that is worth less does not matter
+_LONGER_DURATION = 1.05  # times the job's duration, from which speeds by place are looked for
+CAUSE_WORTH = 0.05  # of the contour error, rms or largest: a cause that is worth less does not matter
 
 
 class Search:
@@ -123,7 +123,7 @@ class Search:
         if rows != [PATH] or not lever.causes or self._causes is None:
             return ""
         worth = {effect.cause.name: _share(effect) for effect in self._causes.effects}
-        if any(worth.get(cause, 0.0) >= WORTH for cause in lever.causes):
+        if any(worth.get(cause, 0.0) >= CAUSE_WORTH for cause in lever.causes):
             return ""
         return f"the error is not caused by {' or '.join(lever.causes)}"
 
@@ -261,7 +261,7 @@ def improve(
     if improvement.changes_anything:
         improvement = _confirmed_improvement(improvement, bench)
     after = improvement.after
-    costs_time = after.passes and after.duration > _LONGER * before.duration
+    costs_time = after.passes and after.duration > _LONGER_DURATION * before.duration
     if costs_time if by_place is None else by_place:
         bench.task.name = "speed by place"
         improvement = replace(improvement, by_place=speed_by_place(at_program_speed, after, bench))

@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 
 _PROGRAM = "program."
 _LONGEST_VALUE = 60  # characters of a value on the command line
-_ROUNDS = 5  # in which values that follow from others are set as well
+_VALUE_ROUNDS = 5  # in which values that follow from others are set as well
 _SPEED_DIGITS = 12  # of an option --speed
-_WHOLE = "in place of the whole table, with its file"
+_WHOLE_TABLE = "in place of the whole table, with its file"
 _NONE: dict[str, Any] = {"travel": {}, "names": {}, "faults": []}  # what a job has without a table of them
 
 
@@ -65,7 +65,7 @@ def values_to_set(improved: Job, loaded: Callable[[dict[str, Any]], Job]) -> dic
         loaded: loads the job with values by their dotted keys.
     """
     values: dict[str, Any] = {}
-    for _ in range(_ROUNDS):
+    for _ in range(_VALUE_ROUNDS):
         differing = changed_values(loaded(values), improved)
         if not differing:
             return values
@@ -92,7 +92,9 @@ def toml_lines(base: Job, improved: Job) -> str:
     lines = _tables(head | values, _comments(base, improved, values))
     if given is not None and given.program_file:
         return f'name = "{base.name}"\n{lines}'
-    return lines.replace("[program]\n", f"[program]  # {_WHOLE}\n", 1) if f"{_PROGRAM}controller" in head else lines
+    if f"{_PROGRAM}controller" not in head:
+        return lines
+    return lines.replace("[program]\n", f"[program]  # {_WHOLE_TABLE}\n", 1)
 
 
 def _comments(base: Job, improved: Job, values: Mapping[str, Any]) -> dict[str, list[str]]:
@@ -197,7 +199,7 @@ def _quoted_word(text: str) -> str:
 
 AS_IT_IS = "unchanged"
 # of a failing value, by which a change that is told as its remedy lowers it; likewise where its limit is 0
-_LOWERED = 0.05
+_LOWERED_SHARE = 0.05
 _LOWERED_TO_ZERO = 0.5
 USAGE = "worst value of each row in % of its limit: above 80 % a warning, above 100 % a failure"
 USAGE_NOTE = f"{USAGE}; = and + mark the best combination, each lever with those before it"
@@ -454,7 +456,7 @@ def _lowers(check: Check, row: str, value: float, after: Verdict) -> bool:
     if check.state != FAIL or now is None or now.state != FAIL:
         return True
     gained = now.value - value if check.at_least else value - now.value
-    return gained > (_LOWERED if check.limit else _LOWERED_TO_ZERO) * abs(value)
+    return gained > (_LOWERED_SHARE if check.limit else _LOWERED_TO_ZERO) * abs(value)
 
 
 def _usages(verdict: Verdict | None, rows: int = 0) -> list[str]:

@@ -24,7 +24,7 @@ ROWS = (PATH, GLUE, STABILITY, MACHINE)
 FREE = "none"  # cost of a lever
 GAIN_ARROW = " → "  # from a value to that after a change
 _DIGITS = 4  # of a setting's number
-_TIMES = "× "  # before a factor
+_FACTOR_SIGN = "× "  # before a factor
 
 
 class Effort(IntEnum):
@@ -93,7 +93,7 @@ class Lever:
 
     def cost_of(self, label: str) -> str:
         """Return what a setting costs, by its label."""
-        is_above = label.startswith(_TIMES) and float(label.removeprefix(_TIMES)) > 1
+        is_above = label.startswith(_FACTOR_SIGN) and float(label.removeprefix(_FACTOR_SIGN)) > 1
         return self.cost_above if is_above and self.cost_above else self.cost
 
 
@@ -104,7 +104,7 @@ def rounded_number(value: float) -> float:
 
 def factor_text(factor: float) -> str:
     """Return a factor as text, such as "× 0.5"."""
-    return f"{_TIMES}{factor:g}"
+    return f"{_FACTOR_SIGN}{factor:g}"
 
 
 def milliseconds(seconds: float) -> str:

@@ -25,7 +25,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.results.checks import NEAR_LIMIT
 from gantrysim.results.glue import BeadWidth
 
-LARGEST, LEVEL, WIDTH, ENDS = range(4)
+LARGEST_ERROR, LEVEL, WIDTH, ENDS = range(4)
 # powers of the speed with which these errors grow: the following error of a curve of the radius R is v² / (R k²); a
 # valve that is late by t switches v t late, and a flow that lags by t marks v t of the bead
 EXPONENTS = np.array([2.0, 2.0, 1.0, 1.0])
@@ -37,23 +37,23 @@ _LEVEL_SHARE = 80.0
 
 TARGET = 0.975 * NEAR_LIMIT  # share of a limit that a stretch is to use
 # exponents, as shares of those of the physics; below the first, the speed does not matter
-_LEAST = 0.15
-_HIGHEST = 2.0
-_TELLING = 0.05  # change of a speed's logarithm from which two runs show an exponent
+_LEAST_EXPONENT = 0.15
+_HIGHEST_EXPONENT = 2.0
+_TELLING_CHANGE = 0.05  # change of a speed's logarithm from which two runs show an exponent
 _STEP_PER_LENGTH = 0.02  # [1/mm], of a longer one
 _FIRST_STEP = 0.25  # change of the speed between stretches, as a share of the slower one
-_STEPS = (0.02, 4.0)  # bounds of it
-_FACTOR = (0.3, 2.0)  # by which it changes from a run to the next
-_REACH = (0.6, 1.5)  # speeds beyond those that have run
+_STEP_BOUNDS = (0.02, 4.0)  # bounds of it
+_STEP_FACTORS = (0.3, 2.0)  # by which it changes from a run to the next
+_SPEEDS_BEYOND = (0.6, 1.5)  # speeds beyond those that have run
 _AT_SPEED = 0.97  # share of its speed that a stretch reaches which is not bound by the ramps
 _CRUISE = 1.0  # share of the speed that the ramps reach
 _SLOW_END = 0.3  # share of the programmed speed
-_LEVELS = (0.7, 1.6)  # bounds of the level, as a share of the limit of 95 %
+_LEVEL_BOUNDS = (0.7, 1.6)  # bounds of the level, as a share of the limit of 95 %
 
 _SPEED_DIGITS = 3  # of a speed
 _HALVINGS = 12
 _TIME_SHARE = 0.01  # share of the program's time that fewer changes of the speed may cost
-_SAME = 0.03  # share by which a speed may exceed the programmed one, which then stays
+_SAME_SPEED = 0.03  # share by which a speed may exceed the programmed one, which then stays
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def local_usage(analysis: Analysis, bead: Bead, tolerance: Tolerance, stretches:
     shares = np.zeros((len(EXPONENTS), count * HALVES))
     contour = np.abs(analysis.nozzle.distance)
     half = _halves(stretches, analysis.nozzle.s)
-    np.maximum.at(shares[LARGEST], half, contour / tolerance.path_max)
+    np.maximum.at(shares[LARGEST_ERROR], half, contour / tolerance.path_max)
     shares[LEVEL] = np.repeat(_levels(contour, half // HALVES, count), HALVES) / tolerance.path_p95
     if bead.nominal > 0 and bead.total_volume > 0:
         width = BeadWidth(bead, tolerance)
@@ -173,8 +173,8 @@ class SpeedModel:
                 change = np.log(reached / before.reached[None, :, None])
                 shown = np.log(usage.shares / before.shares) / change
             powers = EXPONENTS[:, None, None]
-            exponent = np.where(shown < _LEAST * powers, 0.0, np.minimum(shown, _HIGHEST * powers))
-            is_shown = (usage.shares > 0) & (before.shares > 0) & (np.abs(change) > _TELLING)
+            exponent = np.where(shown < _LEAST_EXPONENT * powers, 0.0, np.minimum(shown, _HIGHEST_EXPONENT * powers))
+            is_shown = (usage.shares > 0) & (before.shares > 0) & (np.abs(change) > _TELLING_CHANGE)
             self._exponent = np.where(is_shown, exponent, self._exponent)
         else:
             self._first = usage
@@ -211,7 +211,7 @@ class SpeedModel:
         """
         self._note_range(usage.reached, speeds)
         if used > 0:
-            self.level = float(np.clip(self.level * TARGET / used, *_LEVELS))
+            self.level = float(np.clip(self.level * TARGET / used, *_LEVEL_BOUNDS))
         expected = self._share * np.maximum(usage.reached, 1e-9)[None, :, None] ** self._exponent
         limit = self._limits
         change = self._changes(speeds)
@@ -219,19 +219,19 @@ class SpeedModel:
         beside[1:, 0] = change
         beside[:-1, 1] = change
         known = (usage.shares > 0) & (expected > 0)
-        even = known & (beside < _STEPS[0])[None]
+        even = known & (beside < _STEP_BOUNDS[0])[None]
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(known, usage.shares / expected, 1.0)
             room = np.where(usage.shares > expected, (limit - expected) / (usage.shares - expected), np.inf)
         # the model is wrong where no change of the speed is near, or where it leaves no room for one
         wrong = even | (known & (usage.shares > limit) & (expected > 0.9 * limit))
         self._share = np.where(wrong, self._share * ratio, self._share)
-        factor = np.where(known & ((self._exponent > 0) | (expected < limit)), np.clip(room, *_FACTOR), _FACTOR[1]).min(
-            axis=0
-        )
+        factor = np.where(
+            known & ((self._exponent > 0) | (expected < limit)), np.clip(room, *_STEP_FACTORS), _STEP_FACTORS[1]
+        ).min(axis=0)
         of_step = np.minimum(factor[:-1, 1], factor[1:, 0])
-        moved = np.clip(change * of_step, *_STEPS)
-        self._steps = np.where(change < _STEPS[0], self._steps, moved)
+        moved = np.clip(change * of_step, *_STEP_BOUNDS)
+        self._steps = np.where(change < _STEP_BOUNDS[0], self._steps, moved)
 
     def speeds(self, slowest: float, fastest: float) -> Floats:
         """Return the speeds at which each stretch uses its share of the limits, (m,) [mm/s].
@@ -244,7 +244,7 @@ class SpeedModel:
             allowed = (self._limits / self._share) ** (1 / self._exponent)
         free = (self._exponent == 0) | (self._share == 0)
         speeds = np.where(free, np.inf, allowed).min(axis=(0, 2))
-        speeds = np.clip(speeds, _REACH[0] * self._slowest, _REACH[1] * self._fastest)
+        speeds = np.clip(speeds, _SPEEDS_BEYOND[0] * self._slowest, _SPEEDS_BEYOND[1] * self._fastest)
         # a speed that the ramps do not reach gains no time, and leaves no stretch of steady flow
         speeds = np.minimum(speeds, np.maximum(self._ramps, self._stretches.speeds))
         programmed = self._stretches.speeds
@@ -339,7 +339,7 @@ def _merged_speeds(speeds: Sequence[float], share: float) -> list[float]:
 
 def _written_speed(wanted: float, programmed: float) -> float:
     """Return the largest speed of few digits that is not above the one wanted."""
-    if programmed <= wanted < (1 + _SAME) * programmed:
+    if programmed <= wanted < (1 + _SAME_SPEED) * programmed:
         return programmed
     step = 10.0 ** (math.floor(math.log10(wanted)) + 1 - _SPEED_DIGITS)
     # without the digits of a division

@@ -30,7 +30,7 @@ _AT_ZERO = {
 }
 LAW = "servo.law"
 _FORM = ".4g"
-_LONGEST = 48  # characters of a meaning behind a line
+_MEANING_LENGTH = 48  # characters of a meaning behind a line
 _DISPENSER = "dispenser."
 _DEMANDS = tuple(f"{_DISPENSER}{name}" for name in DEMANDS)
 _SPEED_LEVERS = (SLOWER.name, FASTER.name)
@@ -75,9 +75,9 @@ class Keys:
 
 def _shortened(meaning: str) -> str:
     """Return a meaning up to the last phrase that fits behind a line, and does not end with a word that opens one."""
-    if len(meaning) <= _LONGEST:
+    if len(meaning) <= _MEANING_LENGTH:
         return meaning
-    ends = [match.start() for match in _PHRASE.finditer(meaning, 0, _LONGEST + 1)]
+    ends = [match.start() for match in _PHRASE.finditer(meaning, 0, _MEANING_LENGTH + 1)]
     phrases = [meaning[:end] for end in ends if not _PHRASE.search(f" {meaning[:end].rpartition(' ')[2]} ")]
     return phrases[-1] if phrases else ""
 

@@ -15,7 +15,7 @@ from gantrysim.render.encoding import Picture
 
 _CONTRAST = 0.08  # of luma around a pixel, relative to the largest, below which there is no edge
 _DARK = 8.0  # least difference of luma that is an edge in the dark, of 255
-_FURTHEST = 6.0  # of the samples along the edge [pixels]
+_FURTHEST_SAMPLE = 6.0  # of the samples along the edge [pixels]
 # distances of the two pairs of samples, relative to the furthest
 _NEAR_PAIR = 1 / 6
 _FAR_PAIR = 1 / 2
@@ -87,8 +87,8 @@ def _along(luma: Luma, row: int, column: int) -> tuple[float, float]:
     down = (above_left + below_left) - (above_right + below_right)
     slack = max(0.25 * _SLACK * (above_left + above_right + below_left + below_right), _LEAST_SLACK)
     scale = 1.0 / (min(abs(across), abs(down)) + slack)
-    across = min(max(across * scale, -_FURTHEST), _FURTHEST)
-    down = min(max(down * scale, -_FURTHEST), _FURTHEST)
+    across = min(max(across * scale, -_FURTHEST_SAMPLE), _FURTHEST_SAMPLE)
+    down = min(max(down * scale, -_FURTHEST_SAMPLE), _FURTHEST_SAMPLE)
     return down, across
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import by_blocks
-from gantrysim.glue.bead.trace import LEVEL, climb
+from gantrysim.glue.bead.trace import LEVEL_CLIMB, climb
 from gantrysim.machine.machine import NEEDLE, NOZZLE, Machine
 from gantrysim.machine.quiet import quiet
 from gantrysim.record.run import Run
@@ -27,15 +27,15 @@ from gantrysim.render.scene import Scene
 _AZIMUTHS = np.arange(20.0, 380.0, 30.0)  # that are tried; none looks straight along an axis of the work [deg]
 _POSES = 12  # of a run, in which what hides the bead is looked for
 _TARGETS = 12  # points of the bead to which is looked in each pose
-_ABOVE = 5e-4  # of these points above the nozzle's path, so that lines end before the work [m]
+_ABOVE_PATH = 5e-4  # of these points above the nozzle's path, so that lines end before the work [m]
 _IN_LINE = 0.012  # distance from the needle's axis in plan view up to which a part belongs to the needle [m]
-_NEARER = 0.25  # share of the bead that may be hidden for half the distance
+_HIDDEN_SHARE = 0.25  # share of the bead that may be hidden for half the distance
 
 FIELD_OF_VIEW = 35.0  # vertical [deg]
-MARGIN = 1.2  # half width and height of the picture over those of the bead
+PICTURE_MARGIN = 1.2  # half width and height of the picture over those of the bead
 _FLAT_ELEVATION = -35.0  # of the camera's axis, for beads in a level plane [deg]
 _STEEP_ELEVATION = -50.0  # for bowls and cones, whose far side a flatter view hides [deg]
-_NEAREST = 0.08  # from the camera to the middle of a bead: nearer, the needle would leave the picture [m]
+_NEAREST_CAMERA = 0.08  # from the camera to the middle of a bead: nearer, the needle would leave the picture [m]
 _MOST_POINTS = 2000  # of a bead that are looked at
 
 
@@ -76,7 +76,7 @@ class Sight:
         framings = [Framing.of([self._run, *others], float(azimuth)) for azimuth in _AZIMUTHS]
 
         def merit(framing: Framing) -> float:
-            return self.hidden_share(framing) / _NEARER + float(np.log2(framing.distance(self._shape)))
+            return self.hidden_share(framing) / _HIDDEN_SHARE + float(np.log2(framing.distance(self._shape)))
 
         return min(framings, key=merit)
 
@@ -103,7 +103,7 @@ class Sight:
         frame = data.xmat[work].reshape(3, 3)
         camera = data.xpos[work] + frame @ framing.position(self._shape)
         points = framing.points[np.linspace(0, len(framing.points) - 1, _TARGETS).astype(int)]
-        targets = data.xpos[work] + np.add(points, [0.0, 0.0, _ABOVE]) @ frame.T
+        targets = data.xpos[work] + np.add(points, [0.0, 0.0, _ABOVE_PATH]) @ frame.T
         geom = np.zeros(1, np.int32)
         hits = []
         for target in targets:
@@ -285,7 +285,7 @@ class Framing:
             # evenly from all runs together
             points.append(run.nozzle[ticks[-before % every :: every]])
             heights.append(_heights(run, ticks))
-        elevation = _FLAT_ELEVATION if climb(np.concatenate(heights)) <= LEVEL else _STEEP_ELEVATION
+        elevation = _FLAT_ELEVATION if climb(np.concatenate(heights)) <= LEVEL_CLIMB else _STEEP_ELEVATION
         return cls(1e-3 * np.concatenate(points), azimuth, elevation)
 
     @cached_property
@@ -303,7 +303,7 @@ class Framing:
         right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
         return forward, right, np.cross(right, forward)
 
-    def distance(self, width_over_height: float, margin: float = MARGIN) -> float:
+    def distance(self, width_over_height: float, margin: float = PICTURE_MARGIN) -> float:
         """Return the least distance of the camera from the centre at which every point is in the picture [m].
 
         A point p, relative to the centre, lies d + p.f before a camera at the distance d, and p.r beside its axis. It
@@ -323,7 +323,7 @@ class Framing:
         half_width = half_height * width_over_height
         beside = margin * np.abs(relative @ right) / half_width
         above = margin * np.abs(relative @ up) / half_height
-        return max(float((np.maximum(beside, above) - relative @ forward).max()), _NEAREST)
+        return max(float((np.maximum(beside, above) - relative @ forward).max()), _NEAREST_CAMERA)
 
     def in_picture(self, width_over_height: float) -> Floats:
         """Return the places of the points in the picture, (n, 2): -1 to 1 from left to right and from bottom to top."""

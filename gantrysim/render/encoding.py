@@ -23,9 +23,9 @@ _GIF = ".gif"
 FILMS = (_MP4, _GIF)
 PICTURES = (".png",)
 
-_HUNDREDTHS = 100.0  # of a second, the unit of a GIF's frame times
-_SHORTEST = 2  # frame time that players respect; many show shorter ones for a tenth of a second
-_LONGEST = 65535  # frame time of the format
+_GIF_RATE = 100.0  # of a second, the unit of a GIF's frame times
+_SHORTEST_FRAME = 2  # frame time that players respect; many show shorter ones for a tenth of a second
+_LONGEST_FRAME = 65535  # frame time of the format
 # of write_frames: codec, format of pixels, options
 # Players guess the colour space of unlabelled films differently; with its index in front a film plays while it loads.
 _MP4_ENCODER = (
@@ -71,7 +71,7 @@ def film_rate(file: Path, fps: float) -> float:
     requested = positive("frames per second", fps, "1/s")
     if suffix_of(file, FILMS) != _GIF:
         return requested
-    return _HUNDREDTHS / min(max(round(_HUNDREDTHS / requested), _SHORTEST), _LONGEST)
+    return _GIF_RATE / min(max(round(_GIF_RATE / requested), _SHORTEST_FRAME), _LONGEST_FRAME)
 
 
 @contextmanager

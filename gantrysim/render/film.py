@@ -34,15 +34,15 @@ from gantrysim.results.colours import BAD, GOOD, NEAR, RIGHT
 from gantrysim.results.glue import PASS_TIMES
 from gantrysim.results.verdict import GLUE, Verdict
 
-_LONGEST = 60.0  # of a film at the default speed [s]
+_LONGEST_FILM = 60.0  # of a film at the default speed [s]
 _MOST_FRAMES = 100_000
 _LEAST_HEIGHT = 40  # of the pictures [pixels]
 _SIZES = {1: (1280, 720), 2: (1280, 720), 4: (1920, 1080)}
 COUNTS = tuple(_SIZES)  # numbers of runs that a film can show
 _GAP = 4  # between pictures side by side [pixels]
 _PASS_POINTS = 17  # of the needle's way through its own glue in one pass
-_WHOLE = 1.0  # of the film, that shows the whole machine [s]
-_FLYING = 1.5  # of the film, in which the camera flies to the bead [s]
+_MACHINE_TIME = 1.0  # of the film, that shows the whole machine [s]
+_FLIGHT_TIME = 1.5  # of the film, in which the camera flies to the bead [s]
 _INTRODUCTION = 0.25  # of a film, that both take at most
 
 SECONDS = 1.0  # that it is shown
@@ -51,9 +51,9 @@ _WHITE = "#ffffff"
 # colours of states on the dark picture
 STATES = {PASS: GOOD, WARN: NEAR, FAIL: BAD, UNJUDGED: RIGHT}
 _LETTERS = 1 / 24  # size of its letters, relative to its height
-_WIDEST = 36  # width that a column needs, in sizes of the letters
+_COLUMN_WIDTH = 36  # width that a column needs, in sizes of the letters
 _LEAST_LETTERS = 9  # [pixels]
-_LARGE = 1.7  # size of the headline's letters, relative to the others
+_HEADLINE_SIZE = 1.7  # size of the headline's letters, relative to the others
 _EDGE = 1.2  # around a column, in sizes of the letters
 _LINES = 3  # of a row of a verdict that are shown
 
@@ -247,8 +247,8 @@ class Film(Closing):
         """
         if speed is None:
             return 1.0
-        shorter = min(1.0, _INTRODUCTION * self.end / speed / (_WHOLE + _FLYING))
-        x = (time / speed - shorter * _WHOLE) / (shorter * _FLYING) if shorter else 1.0
+        shorter = min(1.0, _INTRODUCTION * self.end / speed / (_MACHINE_TIME + _FLIGHT_TIME))
+        x = (time / speed - shorter * _MACHINE_TIME) / (shorter * _FLIGHT_TIME) if shorter else 1.0
         x = min(max(x, 0.0), 1.0)
         return x * x * (3 - 2 * x)
 
@@ -291,7 +291,7 @@ class Film(Closing):
         target = Path(file)
         rate = film_rate(target, fps)
         if speed is None:
-            speed = max(1.0, float(np.ceil(self.end / _LONGEST)))
+            speed = max(1.0, float(np.ceil(self.end / _LONGEST_FILM)))
         times = self.times(rate, speed)
 
         def samples() -> list[Picture]:  # first, middle and last
@@ -383,7 +383,7 @@ def end_card(
     image = Image.fromarray(np.round(_DIM * picture).astype(np.uint8))
     draw = ImageDraw.Draw(image)
     width = image.width // len(runs)
-    size = max(min(round(_LETTERS * image.height), width // _WIDEST), _LEAST_LETTERS)
+    size = max(min(round(_LETTERS * image.height), width // _COLUMN_WIDTH), _LEAST_LETTERS)
     room = width - 2 * _EDGE * size
     columns = [
         list(_lines(run, label, verdict, size, room))
@@ -402,7 +402,7 @@ def _lines(
     run: Telemetry, label: str, verdict: Verdict | None, size: int, room: float
 ) -> Iterator[tuple[str, str, int, bool]]:
     """Yield the lines of a column: text, colour, size of its letters, and whether it is bold."""
-    large = round(_LARGE * size)
+    large = round(_HEADLINE_SIZE * size)
     yield font(size, True).shortened(label, room), _WHITE, size, True
     if verdict is None:
         text = f"contour error, rms / max: {run.rms_max_text(len(run.time) - 1)}"

@@ -14,7 +14,7 @@ from PIL import ImageColor, ImageDraw, ImageFont
 PAPER = "#ffffff"
 MUTED = "#5b626c"  # of secondary text
 LINE = 1.25  # line spacing in sizes of the letters
-_MARGIN = 0.6  # around text in sizes of the letters
+_TEXT_MARGIN = 0.6  # around text in sizes of the letters
 
 
 class Font:
@@ -28,7 +28,7 @@ class Font:
 
     def __init__(self, size: int, bold: bool = False) -> None:
         self.size = size
-        self.margin = round(_MARGIN * size)
+        self.margin = round(_TEXT_MARGIN * size)
         name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
         with (files("matplotlib") / "mpl-data" / "fonts" / "ttf" / name).open("rb") as file:
             # the basic layout draws the same letters whether or not libraqm is installed

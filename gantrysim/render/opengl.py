@@ -15,7 +15,7 @@ from gantrysim.base.errors import GantryError
 _PACKAGES = "libegl1 (with libgl1-mesa-dri) or libosmesa6"
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
 _BUILT_IN = ("darwin", "win32")  # platforms with an OpenGL of their own
-_OFF = ("off", "false", "0", "disable", "disabled")
+_OFF_WORDS = ("off", "false", "0", "disable", "disabled")
 _TRIAL = "from mujoco.egl import GLContext; GLContext(8, 8).make_current()"
 
 
@@ -47,7 +47,7 @@ def offscreen_context(width: int, height: int, platform: str = sys.platform) -> 
         NoOpenGLError: there is none, or MUJOCO_GL is off.
     """
     requested = os.environ.get("MUJOCO_GL", "").lower().strip()
-    if requested in _OFF:
+    if requested in _OFF_WORDS:
         raise NoOpenGLError(f"MUJOCO_GL is {requested}")
     if platform in _BUILT_IN:
         try:

@@ -91,7 +91,7 @@ def colour_bar(scale: Scale, width: int) -> Picture:
     return picture
 
 
-_SHARE = 0.18  # height of a panel of one row, relative to the frame's
+_ROW_HEIGHT = 0.18  # height of a panel of one row, relative to the frame's
 _LEAST_HEIGHT = 66  # [pixels], for letters of 10
 # heights of a row of the panel, and of one with only the strip, in sizes of the letters
 _ROW = 6.6
@@ -136,7 +136,7 @@ def _layout(frame: tuple[int, int], runs: int, end: float, scale: Scale | None) 
             return readout + strip + legend
         return max(readout + legend, strip)
 
-    largest = int(max(_SHARE * frame[1], _LEAST_HEIGHT) / _ROW)
+    largest = int(max(_ROW_HEIGHT * frame[1], _LEAST_HEIGHT) / _ROW)
     # from the simplest; the readout of several runs is short, their time alone: the strip has room beside it
     row_counts = (1, 2) if runs == 1 else (1,)
     narrow_choices = (False, True) if scale else (False,)
@@ -185,7 +185,7 @@ class Panel:
         rows, narrow, letters = _layout(frame, len(runs), end, scale)
         width = frame[0]
         self.font = font(letters)
-        row = max(round(_SHARE * frame[1]), _LEAST_HEIGHT)
+        row = max(round(_ROW_HEIGHT * frame[1]), _LEAST_HEIGHT)
         if int(row / _ROW) > letters:
             row = round(_ROW * letters)
         readout = _readout_width(len(runs), end, self.font)

@@ -21,8 +21,8 @@ from gantrysim.render.scene import GLOSS, Scene
 # The geoms of a model in an order in which a renderer without a GPU draws them soon.
 
 _SHOWN = 0  # group of the geoms that are added
-_HIDDEN = 5  # group of all others meanwhile
-_EVERYTHING = mujoco.mjtCatBit.mjCAT_ALL.value
+_HIDDEN_GROUP = 5  # group of all others meanwhile
+_ALL_CATEGORIES = mujoco.mjtCatBit.mjCAT_ALL.value
 _PLANE = mujoco.mjtGeom.mjGEOM_PLANE
 
 
@@ -75,10 +75,10 @@ class Geoms:
             mujoco.mjv_updateCamera(model, data, view, scene)
             drawn &= self._inside(data, scene.camera, shape)
         try:
-            model.geom_group[:] = np.where(drawn & ~self._is_plane, _SHOWN, _HIDDEN)
-            mujoco.mjv_updateScene(model, data, self._first, None, view, _EVERYTHING, scene)
-            model.geom_group[:] = np.where(drawn & self._is_plane, _SHOWN, _HIDDEN)
-            mujoco.mjv_addGeoms(model, data, self._planes, self._push, _EVERYTHING, scene)
+            model.geom_group[:] = np.where(drawn & ~self._is_plane, _SHOWN, _HIDDEN_GROUP)
+            mujoco.mjv_updateScene(model, data, self._first, None, view, _ALL_CATEGORIES, scene)
+            model.geom_group[:] = np.where(drawn & self._is_plane, _SHOWN, _HIDDEN_GROUP)
+            mujoco.mjv_addGeoms(model, data, self._planes, self._push, _ALL_CATEGORIES, scene)
         finally:
             model.geom_group[:] = groups
 
@@ -112,18 +112,18 @@ class Geoms:
 # The needle and the wet bead from near, in the corner of a picture that the bead leaves free.
 
 _SIDES = (0.34, 0.28, 0.22)  # width and height, relative to the picture's: the largest that hides no bead
-_BELOW = 0.08  # distance from the upper edge, where the verdict stands, relative to the picture's height
+_BELOW_VERDICT = 0.08  # distance from the upper edge, where the verdict stands, relative to the picture's height
 _LEAST_INSET = 120  # width [pixels]: in a smaller picture there is none
-_BESIDE = 0.06  # from its edges to the middle of the bead, relative to half the picture
+_BESIDE_BEAD = 0.06  # from its edges to the middle of the bead, relative to half the picture
 _FRAME = 2  # [pixels]
 _SHADE = 230  # grey of the frame, 0 to 255
 # corners in the order of preference: the needle comes from above
 _CORNERS = ((1, -1), (-1, -1), (1, 1), (-1, 1))
-_SEEN = 3.5  # height of what it shows, in widths of the bead
+_SEEN_WIDTHS = 3.5  # height of what it shows, in widths of the bead
 _LEAST_SEEN = 3.0  # the same [mm]
 _ELEVATION = -24.0  # of its camera [deg]
 _WET = 0.05  # of the largest flow, above which glue comes out
-_NEAR = 0.25  # distance of the clipping plane, relative to the camera's
+_NEAR_PLANE = 0.25  # distance of the clipping plane, relative to the camera's
 
 
 class Inset:
@@ -143,11 +143,11 @@ class Inset:
         width, height = (round(side * pixels) for pixels in size)
         right, up = corner
         column = size[0] - width if right > 0 else 0
-        bottom = size[1] - height - round(_BELOW * size[1]) if up > 0 else 0
+        bottom = size[1] - height - round(_BELOW_VERDICT * size[1]) if up > 0 else 0
         self.viewport = mujoco.MjrRect(column, bottom, width, height)
         trace = scene.sweep.bead_trace
         wide = max(float(trace.nominal_section.width[0]) if trace.nominal > 0 else 0.0, trace.run.face)
-        self._distance = 0.5e-3 * max(_SEEN * wide, _LEAST_SEEN) / np.tan(np.radians(0.5 * FIELD_OF_VIEW))
+        self._distance = 0.5e-3 * max(_SEEN_WIDTHS * wide, _LEAST_SEEN) / np.tan(np.radians(0.5 * FIELD_OF_VIEW))
         is_wet = trace.run.flow > _WET * trace.run.flow.max()
         # last tick with glue, up to each; the first one before it
         self._wet = np.maximum.accumulate(np.where(is_wet, np.arange(is_wet.size), int(is_wet.argmax())))
@@ -160,8 +160,8 @@ class Inset:
 
         def covered_share(side: float, corner: tuple[int, int]) -> float:
             # from the middle of the picture to the inset's edges, and to the bead beside them
-            aside = 1 - 2 * side - _BESIDE
-            edges = (aside, aside - 2 * _BELOW * (corner[1] > 0))
+            aside = 1 - 2 * side - _BESIDE_BEAD
+            edges = (aside, aside - 2 * _BELOW_VERDICT * (corner[1] > 0))
             return float(np.all(places * corner > edges, axis=1).mean())
 
         covered = {(side, corner): covered_share(side, corner) for side in fitting for corner in _CORNERS}
@@ -182,7 +182,7 @@ class Inset:
         View(centre, self._distance, azimuth, _ELEVATION, FIELD_OF_VIEW).set(view, model)
         near = model.vis.map.znear
         try:
-            model.vis.map.znear = _NEAR * self._distance / model.stat.extent
+            model.vis.map.znear = _NEAR_PLANE * self._distance / model.stat.extent
             geoms.update(scene.data, view, drawn, self.viewport.width / self.viewport.height, shadows=False)
         finally:
             model.vis.map.znear = near
@@ -207,7 +207,7 @@ _MOST_GEOMS = 2000
 _LARGEST_SIDE = 8192  # side of a picture [pixels]; a square one takes some GB to draw
 _NEAR_CAMERA = 0.25  # distance of a camera to the tip, below which shadows are refined [m]
 _SHADOW_TEXELS = 1.28  # side of the finest shadow map that a picture of the whole machine shows, over its larger side
-_SHADOWED = 0.11  # radius around the tip that then has shadows [m]
+_SHADOWED_RADIUS = 0.11  # radius around the tip that then has shadows [m]
 
 
 def checked_size(name: str, size: tuple[int, int]) -> tuple[int, int]:
@@ -307,7 +307,7 @@ class Renderer(Closing):
         refined = []
         for light in shadows.tolist():
             distance = float(np.linalg.norm(tip - data.light_xpos[light]))
-            half = np.degrees(np.arctan2(_SHADOWED, distance))
+            half = np.degrees(np.arctan2(_SHADOWED_RADIUS, distance))
             if half < model.vis.map.shadowscale * model.light_cutoff[light]:
                 model.vis.map.shadowscale = half / model.light_cutoff[light]
                 refined.append(light)

@@ -22,7 +22,7 @@ from gantrysim.render.workpiece import workpiece
 
 _RINGS = 64  # of a piece: of fewer, more geoms are drawn; of more, more rings are uploaded with every picture
 _SHOWN = 0  # group of geoms that pictures show
-_ABSENT = 5  # group of geoms that no picture shows
+_ABSENT_GROUP = 5  # group of geoms that no picture shows
 _CORNERS = SIDES + 1  # vertices of a ring
 
 Singles = NDArray[np.float32]
@@ -88,7 +88,7 @@ class BeadMesh:
         uploads = []
         for number, piece in enumerate(self._pieces):
             is_laid = piece.start < laid - 1 or number == 0
-            self._model.geom_group[self.geoms[number]] = _SHOWN if is_laid else _ABSENT
+            self._model.geom_group[self.geoms[number]] = _SHOWN if is_laid else _ABSENT_GROUP
             has_end = self._laid != laid and laid < piece.stop
             if is_laid and (has_end or changed[piece].any()):
                 self._write_piece(number, rows[piece])
@@ -121,7 +121,7 @@ GLOSS = "gantrysim gloss"  # light that the crest of a bead reflects into the ca
 _GLOSS_SPECULAR = 0.8
 _PIECE = "gantrysim work piece"
 _GLUE = (0.98, 0.58, 0.10, 1.0)
-_TURNED = (0.45, 0.47, 0.50, 1.0)
+_TURNED_COLOUR = (0.45, 0.47, 0.50, 1.0)
 # A coloured bead mostly glows, so that its colours match the scale: _LIT of a colour is lit, the rest is emitted. The
 # machines' lights add up to about 1.1.
 _LIT = 0.3
@@ -321,7 +321,7 @@ def _with_bead(
         mesh = spec.add_mesh(name=_PIECE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
         mesh.uservert = piece.vertices.ravel().astype(np.float32)
         mesh.userface = piece.faces.ravel()
-        spec.add_material(name=_PIECE, rgba=_TURNED, specular=0.3, shininess=0.4)
+        spec.add_material(name=_PIECE, rgba=_TURNED_COLOUR, specular=0.3, shininess=0.4)
         _add_to_work(spec, _PIECE, _PIECE, group=2)
     model = spec.compile()
     for name in names:

@@ -22,7 +22,7 @@ _FAULT = COLOURS["fault"]
 _HEADROOM = 1.06  # of the error axis over the largest error
 _LEAST_ERROR = 1e-3  # largest error that is not drawn as zero [µm]
 _FUTURE = 0.28  # opacity of the curves after the cursor
-_OFF = 0.22  # opacity of the shade where the dispenser is off
+_OFF_OPACITY = 0.22  # opacity of the shade where the dispenser is off
 _GRID = 0.30  # opacity of the lines at the ticks of the error axis
 _SPOT = 0.24  # radius in sizes of the letters
 # title, and name of the shade, from the longest; the first that fits is drawn
@@ -116,7 +116,7 @@ class Strip:
         self._write(ImageDraw.Draw(paper), bool(off.any()))
         base = np.asarray(paper, float)
         area = base[self.above : self.bottom + 1, self.left : self.right + 1]
-        area[:, off] += _OFF * (grey - area[:, off])
+        area[:, off] += _OFF_OPACITY * (grey - area[:, off])
         for tick in self.error_ticks:
             line = area[round(self.row(tick)) - self.above]
             line += (1.0 if tick == 0 else _GRID) * (grey - line)
@@ -178,7 +178,7 @@ class Strip:
         font.write(draw, (self.left, above), title, INK)
         if shaded:
             font.write(draw, (start, above), shade, MUTED)
-            colour = tuple(round(p + 2 * _OFF * (g - p)) for p, g in zip(rgb(PAPER), rgb(_GREY), strict=True))
+            colour = tuple(round(p + 2 * _OFF_OPACITY * (g - p)) for p, g in zip(rgb(PAPER), rgb(_GREY), strict=True))
             box = (start - 1.4 * side, 0.28 * font.size, start - 0.4 * side, 0.28 * font.size + side)
             draw.rectangle([round(corner) for corner in box], colour)
         for tick in self.error_ticks:

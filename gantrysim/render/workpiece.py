@@ -16,24 +16,24 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.glue.bead import BeadSettings
-from gantrysim.glue.bead.trace import LEVEL, BeadTrace, climb
+from gantrysim.glue.bead.trace import LEVEL_CLIMB, BeadTrace, climb
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run
 
 Triangles = NDArray[np.int32]
 
-_STEP = 1.5  # distance of the samples along the path [mm]
+_SAMPLE_DISTANCE = 1.5  # distance of the samples along the path [mm]
 _CLEARANCE = 0.09  # beside the needle [mm]
 _FILM = 0.02  # thickness below which the body is not drawn [mm]
-_LEVEL = 0.05  # cosine of the climb, below which the path has no direction in plan view
-_SHARE = 0.45  # half width of a ledge, relative to the distance to its neighbour
-_BEND = 0.8  # half width of a ledge, relative to the radius of curvature
+_LEVEL_COSINE = 0.05  # cosine of the climb, below which the path has no direction in plan view
+_LEDGE_SHARE = 0.45  # half width of a ledge, relative to the distance to its neighbour
+_BEND_SHARE = 0.8  # half width of a ledge, relative to the radius of curvature
 _SAME_TURN = 6.0  # distance along the path that is still the same turn, in half widths
-_ROUND = 0.7  # cosine of the angle between two directions, below which there is a corner between them
+_ROUND_COSINE = 0.7  # cosine of the angle between two directions, below which there is a corner between them
 _MOAT = 1.0  # between the ledge of a turn and higher ones beside it [mm]
-_MOSTLY = 0.5  # share of the path above itself, from which it leans on a wall
+_LEANING_SHARE = 0.5  # share of the path above itself, from which it leans on a wall
 _WALL = 2.0  # thickness of a wall [mm]
-_BESIDE = 0.95  # distance of a wall to all turns, relative to the one to its own
+_WALL_DISTANCE = 0.95  # distance of a wall to all turns, relative to the one to its own
 _CAP = np.radians([-90, -60, -30, 0, 30, 60, 90])  # corners of a ledge's round end
 
 
@@ -59,18 +59,18 @@ def workpiece(run: Run, bead: BeadSettings | BeadTrace | None = None, level: flo
         bead: settings of the bead, or the bead itself.
         level: z of the nozzle where it is the run's gap above the work [mm].
     """
-    if not run.dispense.any() or climb(run.requested.table[1][:, 2]) <= LEVEL:
+    if not run.dispense.any() or climb(run.requested.table[1][:, 2]) <= LEVEL_CLIMB:
         return None
     bead_trace = BeadTrace.of(run, bead)
     width = float(bead_trace.nominal_section.width[0]) if bead_trace.nominal > 0 else 0.0
     track = _track(run, bead_trace.analysis, bead_trace.gap)
-    if width <= 0 or track is None or climb(track.point[:, 2]) <= LEVEL:
+    if width <= 0 or track is None or climb(track.point[:, 2]) <= LEVEL_CLIMB:
         return None
     floor = level - run.gap
     clear = 0.5 * (width + run.face) + _CLEARANCE
     above, below = _stacked_samples(track, clear, width)
     parts = [_solid(track, _reach(track, width), clear, floor)]
-    if above.mean() > _MOSTLY:
+    if above.mean() > _LEANING_SHARE:
         parts += _walls(track, ~below, clear, floor)
     starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]).astype(np.int32)
@@ -117,14 +117,14 @@ def _track(run: Run, analysis: Analysis, gap: float) -> _Track | None:
     for feet in np.split(analysis.commanded.s, interruptions):
         first = float(feet.min())
         last = float(feet.max())
-        even = np.linspace(first, last, max(int(np.ceil((last - first) / _STEP)), 1) + 1)
+        even = np.linspace(first, last, max(int(np.ceil((last - first) / _SAMPLE_DISTANCE)), 1) + 1)
         samples.append(np.union1d(even, corners[(first < corners) & (corners < last)]))
     s = np.concatenate(samples)
     stretch = np.repeat(np.arange(len(samples)), [len(part) for part in samples])
     local = run.requested.local(s)
     tangent = local.tangent[:, :2]
     level = np.linalg.norm(tangent, axis=1)
-    inclined = level > _LEVEL
+    inclined = level > _LEVEL_COSINE
     if inclined.sum() < 2:
         return None
     along = tangent[inclined] / level[inclined, None]
@@ -160,10 +160,10 @@ def _stacked_samples(track: _Track, clear: float, width: float) -> tuple[NDArray
 def _reach(track: _Track, width: float) -> Floats:
     """Return the half widths of the ledge, (k,) [mm]: the bead's width, or less beside other turns and in bends."""
     reach = np.full(len(track.s), width)
-    pairs, apart = _pairs(track, width / _SHARE, width)
+    pairs, apart = _pairs(track, width / _LEDGE_SHARE, width)
     for end in range(2):
-        np.minimum.at(reach, pairs[:, end], _SHARE * apart)
-    return np.minimum(reach, _BEND / np.maximum(np.abs(track.turning), 1e-9))
+        np.minimum.at(reach, pairs[:, end], _LEDGE_SHARE * apart)
+    return np.minimum(reach, _BEND_SHARE / np.maximum(np.abs(track.turning), 1e-9))
 
 
 def _solid(track: _Track, reach: Floats, clear: float, floor: float) -> WorkPiece:
@@ -206,7 +206,7 @@ def _ceiling(track: _Track, plan: Floats, sample: NDArray[np.intp], clear: float
     nearby = near["j"]
     sample_of_corner = sample[corner]
     other_turn = np.abs(track.s[sample_of_corner] - track.s[nearby]) > _SAME_TURN * clear
-    other_turn |= np.einsum("ij,ij->i", track.along[sample_of_corner], track.along[nearby]) < _ROUND
+    other_turn |= np.einsum("ij,ij->i", track.along[sample_of_corner], track.along[nearby]) < _ROUND_COSINE
     height = track.point[sample, 2].copy()
     np.minimum.at(height, corner[other_turn], track.point[nearby[other_turn], 2])
     return height
@@ -233,7 +233,7 @@ def _walls(track: _Track, top: NDArray[np.bool_], clear: float, floor: float) ->
     far = track.point[:, :2] + ((clear + _WALL) * side)[:, None] * track.left_normals
     distance, _ = cKDTree(track.point[:, :2]).query(near)
     # in sharper bends the wall would fold
-    stands = top & (distance > _BESIDE * clear) & ((clear + _WALL) * np.abs(track.turning) < 1)
+    stands = top & (distance > _WALL_DISTANCE * clear) & ((clear + _WALL) * np.abs(track.turning) < 1)
     upper = track.select(stands)
     side = side[stands]
     near = near[stands]

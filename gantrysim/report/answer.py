@@ -20,7 +20,7 @@ _REPLIES = {PASS: "Yes", WARN: "Barely", FAIL: "No"}  # to whether a run is good
 _UNKNOWN = "Not known"
 _FEW_LINES = 3  # of the program that stay, and are shown in full
 # of a line of the program
-_SAME = "same"
+_SAME_LINE = "same"
 _NEW = "new"
 
 
@@ -39,7 +39,7 @@ class MarkedLine(NamedTuple):
     @property
     def is_changed(self) -> bool:
         """Whether it is a line of the program that the former text does not have."""
-        return self.change not in ("", _SAME)
+        return self.change not in ("", _SAME_LINE)
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Remedy:
             for k in range(begin, end):
                 was = was_begin + k - begin
                 if kind == "equal":
-                    change = _SAME
+                    change = _SAME_LINE
                 elif kind == "replace" and was < was_end:
                     change = f"was {former[was].strip()}"
                 else:
@@ -93,7 +93,7 @@ class Remedy:
     def groups(self) -> list[tuple[bool, list[MarkedLine]]]:
         """The lines in groups of which each is either shown, or stands for lines of the program that stay."""
         grouped = [
-            (stays, list(lines)) for stays, lines in groupby(self.marked_lines, lambda line: line.change == _SAME)
+            (stays, list(lines)) for stays, lines in groupby(self.marked_lines, lambda line: line.change == _SAME_LINE)
         ]
         return [(stays and len(lines) > _FEW_LINES, lines) for stays, lines in grouped]
 

@@ -25,10 +25,10 @@ _PICTURE = 0.5  # of the width, for the bead
 _EDGE = 36  # [pixels]
 _BEGIN = WIDTH * _PICTURE + 10  # of the text, from the left [pixels]
 _BOTTOM = 48  # of the text, above the date [pixels]
-_SHARES = tuple(1 - 0.04 * step for step in range(16))  # of the usual size of type, until all of it has room
+_SIZE_SHARES = tuple(1 - 0.04 * step for step in range(16))  # of the usual size of type, until all of it has room
 _MEASURED = 20.0  # size of type at which words are measured [pt]
-_SPARE = 1.02  # for the rounding of other sizes
-_LARGE = 20.0  # usual size of type from which it is bold [pt]
+_SPARE_WIDTH = 1.02  # for the rounding of other sizes
+_BOLD_SIZE = 20.0  # usual size of type from which it is bold [pt]
 _PAPER = "#ffffff"
 # of the shapes of a verdict's state, which stay without colour
 _MARKERS = {PASS: "o", WARN: "^", FAIL: "s", UNJUDGED: "D"}
@@ -49,9 +49,9 @@ def draw_card(figure: Figure, results: RunResults, answer: Answer) -> None:
     draw_laid(picture, results, text_size=10)
     words = _Words(figure)
     title = f"{results.basis.name} on {results.machine.name}"
-    columns = (_written(_Column(words, share), title, answer) for share in _SHARES)
+    columns = (_written(_Column(words, share), title, answer) for share in _SIZE_SHARES)
     column = next((column for column in columns if column.bottom >= _BOTTOM), None)
-    (column or _written(_Column(words, _SHARES[-1]), title, answer)).draw(figure)
+    (column or _written(_Column(words, _SIZE_SHARES[-1]), title, answer)).draw(figure)
     place = ((WIDTH - _EDGE) / WIDTH, 20 / HEIGHT)
     figure.text(*place, f"gantrysim  ·  {written_on()}", fontsize=10, color=SOFT, ha="right", va="bottom")
     figure.add_artist(_bar(STATES[answer.state]))
@@ -98,7 +98,7 @@ class _Words:
         """Return the width of a line at a size of type in points [pixels]."""
         words = sum(self._width(word, weight) for word in text.split(" "))
         space = self._width("x x", weight) - 2 * self._width("x", weight)
-        return _SPARE * size / _MEASURED * (words + text.count(" ") * space)
+        return _SPARE_WIDTH * size / _MEASURED * (words + text.count(" ") * space)
 
     def _width(self, text: str, weight: str) -> float:
         if (text, weight) not in self._widths:
@@ -144,7 +144,7 @@ class _Column:
     def add(self, text: str, size: float, colour: str, state: str = "", after: float = 4) -> None:
         """Add a text, after the shape of a state where one is given."""
         points = self._share * size
-        weight = "bold" if size > _LARGE else "normal"
+        weight = "bold" if size > _BOLD_SIZE else "normal"
         indent = 2 * points if state else 0.0
         rows = self._wrapped(text, points, weight, WIDTH - _EDGE - _BEGIN - indent)
         for k, row in enumerate(rows):

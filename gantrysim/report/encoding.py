@@ -15,10 +15,10 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.jit import jit
 
-MISSING = 65535  # code of a missing value
-STEPS = 65534  # of a column's range; a value is wrong by half a step at most
-_DIFFERENCE = 127  # largest difference of 8 bits
-_JUMP = -128  # in place of a larger one
+MISSING_CODE = 65535  # code of a missing value
+RANGE_STEPS = 65534  # of a column's range; a value is wrong by half a step at most
+_LARGEST_DIFFERENCE = 127  # largest difference of 8 bits
+_JUMP_CODE = -128  # in place of a larger one
 
 
 def packed(text: str) -> str:
@@ -46,16 +46,16 @@ def encoded_numbers(values: Floats, resolution: float = 0.0) -> dict[str, Any]:
     known = np.isfinite(values)
     low = float(values[known].min()) if known.any() else 0.0
     high = float(values[known].max()) if known.any() else 0.0
-    steps = min(math.ceil((high - low) / resolution), STEPS) if resolution > 0 else STEPS
+    steps = min(math.ceil((high - low) / resolution), RANGE_STEPS) if resolution > 0 else RANGE_STEPS
     step = (high - low) / max(steps, 1)
     scale = step if step > 0 else 1.0  # of a constant column
-    codes = np.full(values.size, MISSING, np.int64)
+    codes = np.full(values.size, MISSING_CODE, np.int64)
     codes[known] = np.rint((values[known] - low) / scale).astype(np.int64)
     numbers = {"offset": low, "scale": scale}
     differences = np.diff(codes, prepend=0)
-    jump = np.abs(differences) > _DIFFERENCE
+    jump = np.abs(differences) > _LARGEST_DIFFERENCE
     if 2 * np.count_nonzero(jump) < codes.size:
-        differences[jump] = _JUMP
+        differences[jump] = _JUMP_CODE
         return {
             "kind": "d8",
             **numbers,

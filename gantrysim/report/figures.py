@@ -35,7 +35,7 @@ _SAVING: dict[Any, Any] = {
 }
 _NO_METADATA: dict[str, Any] = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _RASTER_DPI = 110  # of images
-_LONGEST = 300_000  # characters of a path; longer ones become images
+_PATH_LENGTH = 300_000  # characters of a path; longer ones become images
 _POINTS_OF_A_LINE = 5000  # points of a line that may be one of these
 
 _ROOT = re.compile(r"<svg[^>]*>\s*")
@@ -45,7 +45,7 @@ _TAG = re.compile("<[^>]*>")
 _IMAGE = re.compile(r"(data:image/png;base64,)([^\"]*)")
 _PATH = re.compile(' d="[^"]*"')
 _COMMAND = re.compile(r"([MLQCz])\s*([-\d.\s]*)")
-_HUNDREDTHS = 100.0
+_HUNDREDTHS_OF_AN_INCH = 100.0
 _ID = re.compile(r'( id="|href="#|url\(#)([^")]+)')
 
 
@@ -120,7 +120,7 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     √12: a page lacks the fonts of mathtext.
     """
     svg = _saved_svg(figure)
-    if any(len(path) > _LONGEST for path in _PATH.findall(svg)):
+    if any(len(path) > _PATH_LENGTH for path in _PATH.findall(svg)):
         _rasterise_lines(figure)
         svg = _saved_svg(figure)
     root = _ROOT.search(svg)
@@ -150,7 +150,7 @@ def _short_path(match: re.Match[str]) -> str:
     x = y = 0
     start = (0, 0)
     for command, text in _COMMAND.findall(match[0]):
-        numbers = [round(_HUNDREDTHS * float(number)) for number in text.split()]
+        numbers = [round(_HUNDREDTHS_OF_AN_INCH * float(number)) for number in text.split()]
         steps = [number - (x, y)[k % 2] for k, number in enumerate(numbers)]
         # steps of a line follow one another without its letter
         letter = "" if command == last == "L" else command.lower()

@@ -24,9 +24,9 @@ NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 _ALMOST_ALL = 0.9
 _MOST_OF_SQUARE = 0.5
 # worth of a cause, of the rms error
-_LITTLE = 0.05  # of the error, below which what is left without the main cause is not explained
+_LITTLE_ERROR = 0.05  # of the error, below which what is left without the main cause is not explained
 _NAMED = 2  # causes beside the main one
-_OVERLAP = 0.05  # by which causes together exceed what is left, from which on that is said
+_CAUSES_OVERLAP = 0.05  # by which causes together exceed what is left, from which on that is said
 _SHARE_OF_REST = 0.1  # of what is left without the main cause, from which on another one is named
 _LEAST_WORTH = 1e-4  # below it effects are numerical noise [mm]
 _STATISTICS = {"path_max": "max", "path_p95": "p95"}  # of the contour error, by the limits of the path
@@ -224,14 +224,14 @@ def _rest(main: _Worth, others: Sequence[_Worth], text: Callable[[float], str], 
     """Return what is left without the main cause, and of what it is."""
     remaining = main.whole - main.worth
     remainder = f"without it {text(remaining)} are left"
-    if remaining < _LITTLE * main.whole:
+    if remaining < _LITTLE_ERROR * main.whole:
         return remainder
     named = [cause for cause in others if cause.worth > max(least, _SHARE_OF_REST * remaining)]
     # the first may explain it
     named = named[: 1 if named and named[0].worth >= _ALMOST_ALL * remaining else _NAMED]
     names = " and ".join(f"{cause.name} ({text(cause.worth)})" for cause in named)
     if sum(cause.worth for cause in named) > MAIN_CAUSE * remaining:
-        overlap = "; causes overlap" if sum(cause.worth for cause in named) > (1 + _OVERLAP) * remaining else ""
+        overlap = "; causes overlap" if sum(cause.worth for cause in named) > (1 + _CAUSES_OVERLAP) * remaining else ""
         return f"{remainder}, next {names}{overlap}"
     if main.largest_link:
         return f"{remainder}, most of it in {main.largest_link}"

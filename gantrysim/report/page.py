@@ -43,8 +43,8 @@ from gantrysim.servo.stability.margins import GAIN_MARGIN, MARGINS, NO_LOOP, Mar
 # The order of a run's report: what one asks first comes first, details are folded.
 
 # is it good enough, where and how, what spoils it, what to change
-_STILL = (6.6, 5.2)  # picture of the bead, in print and where scripts do not run [inch]
-_FIRST = (
+_STILL_SIZE = (6.6, 5.2)  # picture of the bead, in print and where scripts do not run [inch]
+_FIRST_SECTIONS = (
     "Verdict",
     "Deliberate faults",
     "Bead and path",
@@ -56,10 +56,13 @@ _FIRST = (
 
 
 def in_order(sections: Iterable[Section]) -> list[Section]:
-    """Return the sections in the order of `_FIRST`, then all others as they come, folded."""
+    """Return the sections in the order of `_FIRST_SECTIONS`, then all others as they come, folded."""
     given = list(sections)
-    first = sorted((section for section in given if section.title in _FIRST), key=lambda part: _FIRST.index(part.title))
-    details = [replace(section, folded=True) for section in given if section.title not in _FIRST]
+    first = sorted(
+        (section for section in given if section.title in _FIRST_SECTIONS),
+        key=lambda part: _FIRST_SECTIONS.index(part.title),
+    )
+    details = [replace(section, folded=True) for section in given if section.title not in _FIRST_SECTIONS]
     return [*first, *details]
 
 
@@ -70,13 +73,13 @@ def verdict_section(results: RunResults, remedy: Remedy | None = None) -> Sectio
     heads = ["verdict", "of", "worst value and its limit"]
     table = None if verdict.unjudged else Table(heads, verdict.cells, caption, folded="All values and limits")
     return Section(
-        "Verdict", table=table, still=drawn_plot(draw_laid, results, *_STILL), answer=Answer.of(results, remedy)
+        "Verdict", table=table, still=drawn_plot(draw_laid, results, *_STILL_SIZE), answer=Answer.of(results, remedy)
     )
 
 
 # The job of a run on its page, as a file to repeat it; of a long program the first and the last lines.
 
-_WHOLE = 4000  # lines of a job that the page shows whole
+_WHOLE_JOB_LINES = 4000  # lines of a job that the page shows whole
 _ENDS = 500  # lines shown of either end of a longer one
 _REPEAT = "Save as a file for gantrysim run to repeat this run bit for bit."
 
@@ -85,7 +88,7 @@ def job_section(job: Job) -> Section:
     """Return the section with a job's TOML; a long program would make the page larger than all its figures."""
     text = job.toml()
     lines = text.split("\n")
-    if len(lines) <= _WHOLE:
+    if len(lines) <= _WHOLE_JOB_LINES:
         return Section("Job", _REPEAT, code=text)
     missing = len(lines) - 2 * _ENDS
     shown = [*lines[:_ENDS], f"# ... {missing:,} lines are in job.toml only ...", *lines[-_ENDS:]]

@@ -13,7 +13,7 @@ from gantrysim.report.plots.bead import draw_laid
 from gantrysim.report.plots.style import common_style, sheet
 from gantrysim.results.run_results import RunResults
 
-_WIDE = 4.6  # [inch]
+_WIDE_FIGURE = 4.6  # [inch]
 _HIGH = 3.2
 _DPI = 100
 
@@ -41,9 +41,9 @@ def run_html(run: Run, table: str) -> str:
 def _picture(results: RunResults) -> str:
     """Return the bead as an element with a JPEG picture in it."""
     file = io.BytesIO()
-    with sheet(_WIDE, _HIGH) as figure, common_style():
+    with sheet(_WIDE_FIGURE, _HIGH) as figure, common_style():
         draw_laid(figure, results, text_size=8.0)
         figure.savefig(file, format="jpeg", dpi=_DPI, pil_kwargs={"quality": 80})
     data = base64.b64encode(file.getvalue()).decode("ascii")
-    size = f'width="{_DPI * _WIDE:.0f}" height="{_DPI * _HIGH:.0f}"'
+    size = f'width="{_DPI * _WIDE_FIGURE:.0f}" height="{_DPI * _HIGH:.0f}"'
     return f'<img src="data:image/jpeg;base64,{data}" alt="the bead in plan view" {size}/>'

@@ -22,7 +22,7 @@ from gantrysim.report.headline import NO_ERROR, contour_sentence
 from gantrysim.report.plots.bead import bead_picture, draw_bead_along
 from gantrysim.report.plots.budget import draw_by_turn, draw_shares
 from gantrysim.report.plots.pictures import (
-    HALF,
+    HALF_HEIGHT,
     PAGE_COLUMNS,
     PLOT_WIDTH,
     budget_plot,
@@ -91,8 +91,8 @@ def budget_section(results: RunResults) -> Section:
         ],
         table=[links, axes, _turns(budget)] if values.turns else [links, axes],
         figure=[
-            drawn_plot(draw_shares, budget, HALF, _LOW_PLOT),
-            *([drawn_plot(draw_by_turn, budget, HALF, _LOW_PLOT)] if values.turns else []),
+            drawn_plot(draw_shares, budget, HALF_HEIGHT, _LOW_PLOT),
+            *([drawn_plot(draw_by_turn, budget, HALF_HEIGHT, _LOW_PLOT)] if values.turns else []),
         ],
         still=budget_plot(budget),
         facts=summary_facts(budget),
@@ -171,7 +171,7 @@ def spacing_section(analysis: Analysis) -> Section:
     """Return the section of the spacing of neighbouring turns."""
     return Section(
         "Spacing of neighbouring turns",
-        figure=[drawn_plot(draw_polar_spacing, analysis, HALF, 4.8), spacing_plot(analysis)],
+        figure=[drawn_plot(draw_polar_spacing, analysis, HALF_HEIGHT, 4.8), spacing_plot(analysis)],
     )
 
 

@@ -98,8 +98,8 @@ def _coordinate_content(values: Floats) -> Any:
     return encoded_numbers(values)
 
 
-_LEVEL = 1e-6  # [mm], vertical parts below it are rounding
-_LISTED = 2000  # lines of a program that is listed whole; of a longer one only the lines that run
+_LEVEL_HEIGHT = 1e-6  # [mm], vertical parts below it are rounding
+_LISTED_LINES = 2000  # lines of a program that is listed whole; of a longer one only the lines that run
 _CORNER_DECIMALS = 4
 _DOT_DECIMALS = 4
 _DIGITS = 3  # significant, of a column's largest value
@@ -108,7 +108,7 @@ _PLACE_DECIMALS = 2  # [mm]
 # times, and of a height [mm]
 _STEP_OF_DIGIT = 0.1
 _OFFSETS = ("dx", "dy")
-_PLACES = ("s", "x", "y", "z")  # as fine as 16 bits are
+_PLACE_COLUMNS = ("s", "x", "y", "z")  # as fine as 16 bits are
 _OFFSET_STEP = 1e-5
 _HEIGHT_STEP = 1e-4
 
@@ -201,7 +201,7 @@ class ViewerData:
         nozzle = budget.analysis.nozzle
         yield Series("s", "s", "mm", "", lambda: nozzle.s, ticks, "distance along the requested path")
         for axis, name in enumerate("xyz"):
-            if name == "z" and extent(lambda block: run.nozzle[block, 2], len(run.time)) < _LEVEL:
+            if name == "z" and extent(lambda block: run.nozzle[block, 2], len(run.time)) < _LEVEL_HEIGHT:
                 continue
             position = partial(_coordinate, run, "nozzle", axis)
             yield Series(name, name, "mm", "", position, None, "nozzle in the work frame")
@@ -218,8 +218,8 @@ class ViewerData:
             yield Series(name, name, "µm", ERROR, lateral, ticks, DESCRIPTIONS.get(name, ""))
         contour = budget.contour
         nozzle = budget.analysis.nozzle
-        if _largest(lambda block: nozzle.distance[block] - np.abs(contour.lateral[block]), ticks.size) > _LEVEL:
-            if _largest(lambda block: contour.vertical[block], ticks.size) > _LEVEL:
+        if _largest(lambda block: nozzle.distance[block] - np.abs(contour.lateral[block]), ticks.size) > _LEVEL_HEIGHT:
+            if _largest(lambda block: contour.vertical[block], ticks.size) > _LEVEL_HEIGHT:
                 vertical = partial(_micrometres, contour, "vertical")
                 yield Series("vertical", "vertical", "µm", ERROR, vertical, ticks, "normal to path")
             distance = partial(_micrometres, nozzle, "distance")
@@ -330,7 +330,7 @@ class ViewerData:
             values = series.at(rows)
             shown = series.content(values)
             finest = _OFFSET_STEP if series.name in _OFFSETS else _STEP_OF_DIGIT * 10.0 ** -shown["decimals"]
-            columns[series.name] = encoded_numbers(values, 0.0 if series.name in _PLACES else finest)
+            columns[series.name] = encoded_numbers(values, 0.0 if series.name in _PLACE_COLUMNS else finest)
             contents.append(shown)
         verdict = self.results.verdict
         bead = self._bead
@@ -419,6 +419,6 @@ def _listing(text: str, lines: NDArray[np.intp]) -> dict[str, str] | None:
     if not active:
         return None
     by_number = dict(enumerate(text.rstrip().split("\n"), 1))
-    if len(by_number) > _LISTED:
+    if len(by_number) > _LISTED_LINES:
         by_number = {number: line for number, line in by_number.items() if number in active}
     return {str(number): line.rstrip() for number, line in by_number.items()}

@@ -41,9 +41,9 @@ PASS_TIMES = f"{PASSES.key}_s"  # when each pass begins and ends
 THROUGH_GLUE = "needle through its own"
 
 # of the requested distance of the turns: beyond it, links that climb are longer than the distance asked in plan view
-_LEVEL = 0.01
+_LEVEL_LINKS = 0.01
 _ROUNDING = 1e-9  # relative
-_ASTRAY = 0.05  # path error that may carry the needle into its bead, of its outer diameter
+_ASTRAY_SHARE = 0.05  # path error that may carry the needle into its bead, of its outer diameter
 _TURNS_THAT_CLIMB = (
     "clearance of turns not judged: they lie at different heights, and their spacing is asked in plan view"
 )
@@ -239,7 +239,7 @@ def _climbs(bead: Bead) -> bool:
     if asked is None:
         return False
     height = bead.analysis.spacing.link[..., 2]
-    return len(height) > 0 and float(np.abs(height[:, 1] - height[:, 0]).max()) > _LEVEL * asked
+    return len(height) > 0 and float(np.abs(height[:, 1] - height[:, 0]).max()) > _LEVEL_LINKS * asked
 
 
 def _passes_content(ploughing: Ploughing, bead: Bead) -> dict[str, Any]:
@@ -276,7 +276,7 @@ def _off_the_path(bead: Bead, tolerance: Tolerance) -> str:
     run = bead.run
     # a smaller error is not what brings a needle to a bead
     error = float(np.linalg.norm(bead.analysis.nozzle.offset, axis=1).max(initial=0.0))
-    if run.progress is None or error < _ASTRAY * run.face:
+    if run.progress is None or error < _ASTRAY_SHARE * run.face:
         return ""
     on_path = Bead(run.replaced(nozzle=run.requested.position(run.progress)), bead.settings)
     if Ploughing.of(on_path, tolerance.start_length, tolerance.stop_length).passes:

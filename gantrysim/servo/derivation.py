@@ -36,7 +36,7 @@ LARGEST_PEAK = 2.0
 _FREQUENCY_STEP = 0.97
 _LOWEST_FREQUENCY = 1e-3
 # damping ratio below which a closed loop's mode is to be left out by input shaping
-_SWINGING = 0.3
+_SWINGING_DAMPING = 0.3
 # distance from a mode, relative, at which loops are compared there: without damping they have no bound at it
 _MODE_OFFSET = 1e-5
 # highest frequency of a notch, relative to Nyquist's
@@ -287,7 +287,7 @@ class AxisLoop:
         period = self._task.period
         roots = np.log(self._plant.poles(self._laws(frequency, mode)).astype(complex) + 1e-300) / period
         swings = roots[
-            (roots.imag > 0) & (-roots.real < _SWINGING * np.abs(roots)) & (roots.imag * period < 0.9 * math.pi)
+            (roots.imag > 0) & (-roots.real < _SWINGING_DAMPING * np.abs(roots)) & (roots.imag * period < 0.9 * math.pi)
         ]
         if not swings.size:
             return 0.0, 0.0

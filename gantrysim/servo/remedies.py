@@ -14,15 +14,15 @@ from gantrysim.servo.drive_settings import LOOPS
 from gantrysim.servo.laws import ADDITIONS, P_PI, PID
 from gantrysim.servo.request import LARGEST_BANDWIDTH, Parts, ServoRequest
 
-_PREFERRED = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0)  # steps of 10^(1/10), rounded
-_LONGER = 1e4  # longest integral time proposed, relative to that given
-_WIDER = (2.0, 4.0, 8.0, 16.0)  # factors on current loops
-_NARROWER = (2.0, 4.0, 8.0, 16.0)  # divisors of velocity loops
-_SHORTER = (2, 4, 8)  # divisors of periods
+_PREFERRED_NUMBERS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0)  # steps of 10^(1/10), rounded
+_LONGEST_INTEGRAL = 1e4  # longest integral time proposed, relative to that given
+_WIDER_LOOPS = (2.0, 4.0, 8.0, 16.0)  # factors on current loops
+_NARROWER_LOOPS = (2.0, 4.0, 8.0, 16.0)  # divisors of velocity loops
+_SHORTER_PERIODS = (2, 4, 8)  # divisors of periods
 _MOST_CHANGES = 3  # single changes named
-_IDLE = 0.1  # natural frequency of a loop not worth its name beside a useful one, relative to that
-_NEARLY = 0.5  # natural frequency with which a milder change will do, relative to that of the strongest
-_USEFUL = 0.1  # natural frequency of a loop that is worth a change, relative to what the lags leave room for
+_IDLE_LOOP = 0.1  # natural frequency of a loop not worth its name beside a useful one, relative to that
+_NEARLY_STRONGEST = 0.5  # natural frequency with which a milder change will do, relative to that of the strongest
+_USEFUL_LOOP = 0.1  # natural frequency of a loop that is worth a change, relative to what the lags leave room for
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class _Tries:
         self._request = request
         self._attempt = attempt
         self._speeds: dict[tuple[tuple[str, int], ...], float] = {}
-        self.useful = _USEFUL * natural_frequency(request.task.lag, request.damping)
+        self.useful = _USEFUL_LOOP * natural_frequency(request.task.lag, request.damping)
 
     def speed(self, chosen: Mapping[Change, int]) -> float:
         """Return the natural frequency of the slowest axis with some changes, 0 where no loop keeps its margins [Hz].
@@ -75,7 +75,7 @@ class _Tries:
     def nearest(self, change: Change, others: Mapping[Change, int]) -> dict[Change, int]:
         """Return the changes with the nearest value of one that serves nearly as well as its last, by bisection."""
         high = len(change.values) - 1
-        enough = min(self.useful, _NEARLY * self.speed({**others, change: high}))
+        enough = min(self.useful, _NEARLY_STRONGEST * self.speed({**others, change: high}))
         low = -1
         while high - low > 1:
             middle = (low + high) // 2
@@ -136,7 +136,7 @@ def _remedies(changes: Sequence[Change], tries: _Tries) -> list[dict[Change, int
     single = [change for change in changes if tries.speed({change: -1})]
     remedies = [tries.nearest(change, {}) for change in single[:_MOST_CHANGES]]
     if any(tries.speed(remedy) >= tries.useful for remedy in remedies):
-        return [remedy for remedy in remedies if tries.speed(remedy) >= _IDLE * tries.useful]
+        return [remedy for remedy in remedies if tries.speed(remedy) >= _IDLE_LOOP * tries.useful]
     together = {change: len(change.values) - 1 for change in changes}
     if tries.speed(together) < tries.useful and (remedies or not tries.speed(together)):
         return remedies
@@ -159,13 +159,13 @@ def _changes(request: ServoRequest) -> list[Change]:
         _integral_time(request),
         _feedback(request),
         _current_bandwidth(request),
-        _number("velocity_bandwidth", request.velocity_bandwidth, "Hz", _NARROWER),
+        _number("velocity_bandwidth", request.velocity_bandwidth, "Hz", _NARROWER_LOOPS),
         _feedback_delay(request),
         _delay(request),
         _law(request),
         Change("damping", f"{request.damping:g}", (1.0,), ("1",)) if request.damping != 1 else None,
         _period(request),
-        _number("drive_period", request.inner_period, "s", _SHORTER) if LOOPS & set(request.modes) else None,
+        _number("drive_period", request.inner_period, "s", _SHORTER_PERIODS) if LOOPS & set(request.modes) else None,
     ]
     return [change for change in changes if change is not None]
 
@@ -174,9 +174,9 @@ def _integral_time(request: ServoRequest) -> Change | None:
     time = request.used_integral_time
     if time == math.inf:
         return None
-    longest = min(_LONGER * time, sys.float_info.max)
+    longest = min(_LONGEST_INTEGRAL * time, sys.float_info.max)
     decades = range(math.floor(math.log10(time)), math.ceil(math.log10(longest)))
-    longer = [float(f"{number}e{decade}") for decade in decades for number in _PREFERRED]
+    longer = [float(f"{number}e{decade}") for decade in decades for number in _PREFERRED_NUMBERS]
     finite = [value for value in longer if time < value <= longest]
     in_words = (*(f"{value:g} s" for value in finite), "inf")
     return Change("integral_time", f"{time:g} s", (*finite, math.inf), in_words)
@@ -195,7 +195,7 @@ def _current_bandwidth(request: ServoRequest) -> Change | None:
     widths = request.bandwidths
     if not any(widths):
         return None
-    wider = [tuple(_as_shown(min(factor * width, LARGEST_BANDWIDTH)) for width in widths) for factor in _WIDER]
+    wider = [tuple(_as_shown(min(factor * width, LARGEST_BANDWIDTH)) for width in widths) for factor in _WIDER_LOOPS]
     return Change("current_bandwidth", _in_words(widths), tuple(wider), tuple(_in_words(values) for values in wider))
 
 
@@ -234,7 +234,7 @@ def _period(request: ServoRequest) -> Change | None:
     if set(request.modes) == {"position"}:
         # the loops are in the drives
         return None
-    divisors = [divisor for divisor in _SHORTER if request.period / divisor >= request.delay]
+    divisors = [divisor for divisor in _SHORTER_PERIODS if request.period / divisor >= request.delay]
     return _number("period", request.period, "s", divisors) if divisors else None
 
 

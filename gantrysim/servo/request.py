@@ -47,17 +47,17 @@ SHORTEST_PERIOD = 1e-7  # [s]
 
 MAX_FEEDBACK_DELAY = 16  # servo periods
 LARGEST_BANDWIDTH = 1e5  # [Hz]
-_ALMOST = 1e-6  # a whole number
+_WHOLE_NUMBER = 1e-6  # a whole number
 LARGEST_SEED = 2**53
 
 FOLLOWING_ERROR_LIMIT = 5.0  # [mm], between the 0.1 mm of a tuned gantry and the 10 mm of a jam
 
 # what `Servo.derive` takes from the axes unless it is given
-DERIVED = (*GAINS, *NOTCH, *DRIVE, *LAW_PARAMETERS)
+DERIVED_VALUES = (*GAINS, *NOTCH, *DRIVE, *LAW_PARAMETERS)
 
 
 class GivenValues(GivenGains, GivenNotches, GivenDrives, GivenLaws, total=False):
-    """Every parameter of `DERIVED` as a keyword of `Servo.derive`: one value for all axes, or one per axis."""
+    """Every parameter of `DERIVED_VALUES` as a keyword of `Servo.derive`: one value for all axes, or one per axis."""
 
 
 # A loop is no longer the derived one where one of these is given: gains that act on the position, ...
@@ -85,7 +85,7 @@ def per_axis(name: str, value: Any, axes: int) -> tuple[Any, ...]:
 
 def whole_ratio(ratio: float) -> bool:
     """Return whether a ratio is a whole number."""
-    return round(ratio) >= 1 and abs(ratio - round(ratio)) < _ALMOST
+    return round(ratio) >= 1 and abs(ratio - round(ratio)) < _WHOLE_NUMBER
 
 
 def check_drive_period(drive_period: float, period: float, mode: Sequence[str]) -> None:
@@ -150,7 +150,7 @@ _ROUNDING = 1e-6  # of margins computed of the same loop in two ways, relative
 
 @dataclass(frozen=True)
 class ServoRequest:
-    """The arguments of `Servo.derive`, which see; `given` are those of `DERIVED` that override."""
+    """The arguments of `Servo.derive`, which see; `given` are those of `DERIVED_VALUES` that override."""
 
     axes: tuple[AxisDynamics, ...]
     period: float = 1e-3
@@ -273,7 +273,7 @@ class ServoRequest:
 
 def check_keywords(given: Iterable[str], derive: Callable[..., Any]) -> None:
     """Raise TypeError, as Python does, for a keyword that `Servo.derive`, which is given, does not have."""
-    derived = [parameter.name for parameter in DERIVED]
+    derived = [parameter.name for parameter in DERIVED_VALUES]
     for name in given:
         if name not in derived:
             parameters = signature(derive).parameters.values()

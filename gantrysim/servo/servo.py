@@ -22,7 +22,7 @@ from gantrysim.servo.laws.user import LawName
 from gantrysim.servo.notch import Notch
 from gantrysim.servo.remedies import refusal
 from gantrysim.servo.request import (
-    DERIVED,
+    DERIVED_VALUES,
     FOLLOWING_ERROR_LIMIT,
     LARGEST_SEED,
     GivenValues,
@@ -42,7 +42,7 @@ from gantrysim.servo.servo_design import check_margins, designed_parts, margins_
 from gantrysim.servo.stability.linear_system import Compensator
 from gantrysim.servo.stability.motion import MODES, Drives
 
-_COMMON = ("period", "delay", "drive_period", "feedback_delay", "encoder_seed")  # keys of values for all axes
+_COMMON_KEYS = ("period", "delay", "drive_period", "feedback_delay", "encoder_seed")  # keys of values for all axes
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -97,7 +97,7 @@ class Servo(Shown):
 
     def facts(self) -> dict[str, str]:
         values = self.values()
-        shown = [p for p in DERIVED if p.name not in ("notch_width", "notch_depth") and any(values[p.name])]
+        shown = [p for p in DERIVED_VALUES if p.name not in ("notch_width", "notch_depth") and any(values[p.name])]
         facts = {"period": f"{1e3 * self.period:g} ms", "axes": str(self.axes), "law": words(self.laws.names)}
         return facts | {f"{p.name} [{p.unit}]": " ".join(f"{value:.4g}" for value in values[p.name]) for p in shown}
 
@@ -113,7 +113,10 @@ class Servo(Shown):
 
     def values(self) -> dict[str, Any]:
         """Return all values by the keys of a job file's [servo]; values per axis are tuples."""
-        return {**{name: getattr(self, name) for name in (*_COMMON, "following_error_limit")}, **self.parts.values()}
+        return {
+            **{name: getattr(self, name) for name in (*_COMMON_KEYS, "following_error_limit")},
+            **self.parts.values(),
+        }
 
     def per_axis(self, name: str) -> tuple[Any, ...]:
         """Return a value of all axes, (axes,).
@@ -136,8 +139,8 @@ class Servo(Shown):
             InputError: a value out of its bounds.
             TypeError: an unknown key.
         """
-        check_keys(values, (*_COMMON, "following_error_limit"))
-        common = {name: values[name] for name in _COMMON if name in values}
+        check_keys(values, (*_COMMON_KEYS, "following_error_limit"))
+        common = {name: values[name] for name in _COMMON_KEYS if name in values}
         limit = values.get("following_error_limit", self.following_error_limit)
         common["following_error_limit"] = per_axis("following_error_limit", limit, self.axes)
         return replace(self, **common, **self.parts.with_values(values)._asdict())
@@ -256,7 +259,7 @@ class Servo(Shown):
             encoder_seed: random seed of the encoder noise.
             law: one name or several, from `BASES` and `ADDITIONS`, or a law itself.
             learning_repeats: number of runs that the law `learning` learns from.
-            given: values from `DERIVED` to override, one for all axes or one per axis.
+            given: values from `DERIVED_VALUES` to override, one for all axes or one per axis.
 
         Raises:
             InputError: a value out of bounds, or no loop that keeps its margins; the message names a value with one.

@@ -41,8 +41,8 @@ from gantrysim.servo.stability.motion import MODES, Drives, Motion
 
 # Gains for every mode of the drives: of loops in the servo, in the drive, or in both.
 
-_SLOWER = 0.97  # from one gain tried to the next
-_SLOWEST = 1e-4  # relative to the first
+_GAIN_STEP = 0.97  # from one gain tried to the next
+_SLOWEST_GAIN = 1e-4  # relative to the first
 _HIGHEST_BANDWIDTH = 1e5  # [Hz]
 
 
@@ -195,8 +195,8 @@ def _fastest_around(task: LoopTask, first: float, speed: str) -> tuple[float, st
     kp = first
     while not all(part.keep(kp) for part in parts):
         too_fast = kp
-        kp *= _SLOWER
-        if kp < _SLOWEST * first:
+        kp *= _GAIN_STEP
+        if kp < _SLOWEST_GAIN * first:
             raise NoLoopError(
                 f"around {speed}, with kp {first:.3g} 1/s {_trouble(parts, first)}, with kp {too_fast:.3g} 1/s "
                 f"{_trouble(parts, too_fast)}"

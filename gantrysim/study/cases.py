@@ -87,7 +87,7 @@ Mode = Literal["simulated", "perfect follower"]
 OK = "ok"
 version = cache(metadata.version)  # which reads a file at every call
 _FAULT = "fault: "
-_REFUSED = "refused: "
+_REFUSED_PREFIX = "refused: "
 
 
 class _LastJob:
@@ -110,7 +110,7 @@ class _LastJob:
         self._last = None
 
 
-_LAST = _LastJob()
+_LAST_JOB = _LastJob()
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Case:
     ) -> Self:
         """Return a case; overrides by full dotted key, as in {"program.loop_period": 0.01}, None for the default."""
         job.check_code()
-        content, text = _LAST.contents(job)
+        content, text = _LAST_JOB.contents(job)
         # a value that the job has already changes nothing: left out, so that equal cases have one key
         changes = {key: value for key, value in (overrides or {}).items() if not _has(content, key, value)}
         changed = tuple(sorted((key, json.dumps(value)) for key, value in changes.items()))
@@ -194,7 +194,7 @@ def machine_digest(case: Case) -> str:
 
 def forget_jobs() -> None:
     """Clear the cache of jobs, and with it the machines built from files that may have changed."""
-    _LAST.forget()
+    _LAST_JOB.forget()
     _job.cache_clear()
     _changed_job.cache_clear()
     perturbed_machine.cache_clear()
@@ -251,7 +251,7 @@ def judged_row(start: Callable[[], Run], values: Callable[[Run], Row]) -> Row:
             return {"status": f"{_FAULT}{run.fault}"}
         return {"status": OK, **values(run)}
     except InputError as error:
-        return {"status": f"{_REFUSED}{error}"}
+        return {"status": f"{_REFUSED_PREFIX}{error}"}
 
 
 def is_fault(row: Row) -> bool:

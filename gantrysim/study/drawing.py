@@ -32,7 +32,7 @@ def series(rows: Sequence[Row], *columns: str, **tags: Value) -> tuple[Floats, .
     return tuple(values[np.argsort(values[:, 0], kind="stable")].T)
 
 
-_STEPS = ((1, 2, 5), (1, 1.5, 2, 3, 5, 7), (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
+_TICK_STEPS = ((1, 2, 5), (1, 1.5, 2, 3, 5, 7), (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
 _LEAST_TICKS = 4
 
 
@@ -51,7 +51,7 @@ def logarithmic(axes: Axes, direction: Literal["x", "y"], values: Sequence[float
     margin = 1.06 * (high / low) ** 0.03
     low = low / margin
     high = high * margin
-    for steps in _STEPS:
+    for steps in _TICK_STEPS:
         decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
         ticks = [step * 10.0**decade for decade in decades for step in steps if low <= step * 10.0**decade <= high]
         if len(ticks) >= _LEAST_TICKS:

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, BinaryIO, overload
 
 from gantrysim.base.errors import GantryError, InputError, text_of
-from gantrysim.base.files import ANY, held_folder, open_regular
+from gantrysim.base.files import ANY_FILE, held_folder, open_regular
 from gantrysim.study.cases import OK, Case, Row, Value
 
 # The rows of a study in little memory: as bytes of their values, until one is asked for.
@@ -93,8 +93,8 @@ class TaggedRows(Sequence[Row]):
 
 
 LEDGER = ".study-progress.jsonl"
-_CHECKED = 16  # digits of a checksum
-_LONGEST = 1 << 26  # line [bytes]
+_CHECKSUM_DIGITS = 16  # digits of a checksum
+_LINE_LENGTH = 1 << 26  # line [bytes]
 _LARGEST_NUMBER = 1e100  # number of a row, in any unit
 
 
@@ -116,7 +116,7 @@ class Ledger:
         discarded: differences for which earlier rows were not taken over, or None.
     """
 
-    def __init__(self, folder: Path | None, identity: dict[str, Any], names: Collection[str] = ANY) -> None:
+    def __init__(self, folder: Path | None, identity: dict[str, Any], names: Collection[str] = ANY_FILE) -> None:
         self.rows = RowStore()
         # of the rows, by their keys
         self._places: dict[str, int] = {}
@@ -138,7 +138,7 @@ class Ledger:
             stack.enter_context(held_folder(folder, f"--out {folder}", self._names))
             try:
                 self._stream = stack.enter_context(open_regular(self._file))
-                good = self._read(iter(partial(self._stream.readline, _LONGEST), b""))
+                good = self._read(iter(partial(self._stream.readline, _LINE_LENGTH), b""))
                 self._stream.truncate(good)
                 self._stream.seek(good)
                 self.resumed = len(self._places)
@@ -291,7 +291,7 @@ def _fits(kinds: dict[str, str], columns: tuple[str, ...], usual: dict[str, str]
 
 
 def _checksum(key: str, row: Row) -> str:
-    return hashlib.sha256(json.dumps([key, row]).encode()).hexdigest()[:_CHECKED]
+    return hashlib.sha256(json.dumps([key, row]).encode()).hexdigest()[:_CHECKSUM_DIGITS]
 
 
 def _differs(other: Any, identity: dict[str, Any]) -> str:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Measure = Callable[[Case], Row]  # a function of a module, or a partial of one: sent to the workers by name
 Progress = Callable[[int, int], None]  # called with the number of finished cases, and of all known by now
 
-_TOGETHER = 32  # maximum number of cases measured together, whose rows are kept only when all are finished
+_CASES_TOGETHER = 32  # maximum number of cases measured together, whose rows are kept only when all are finished
 # A lot costs some 10 ms of this process and of a cluster's scheduler. Of short cases that are many a worker takes as
 # many at once as this time allows [s], but no more than a share of its part of those that are still to come.
 _LOT_TIME = 2.0
@@ -259,7 +259,7 @@ def _timed_lots(cases: list[Case], workers: int, pace: _Pace) -> Iterator[list[C
 
 
 def _equal_lots(cases: list[Case], workers: int, _pace: _Pace) -> list[list[Case]]:
-    """Cut cases into lots of equal size within one, as many for every worker, none larger than `_TOGETHER`."""
-    lots = min(workers * math.ceil(len(cases) / (workers * _TOGETHER)), len(cases))
+    """Cut cases into lots of equal size within one, as many for every worker, none larger than `_CASES_TOGETHER`."""
+    lots = min(workers * math.ceil(len(cases) / (workers * _CASES_TOGETHER)), len(cases))
     ends = [len(cases) * k // lots for k in range(lots + 1)]
     return [cases[begin:end] for begin, end in pairwise(ends)]

@@ -89,7 +89,7 @@ def _dumped_samples(label: str, lines: Sequence[str]) -> Iterator[float]:
             yield value
 
 
-_LOST = "overrun"  # line of halsampler where samples are missing
+_LOST_SAMPLES = "overrun"  # line of halsampler where samples are missing
 _HEAD = 4096  # bytes by which a format is recognised
 
 
@@ -137,7 +137,7 @@ def table_of_text(text: str, label: str, blocks: int = 0) -> ColumnTable:
     period = halscope_period(rows[0][1])
     if period is not None:
         return halscope_table(label, rows[1:], period)
-    lost = any(line == _LOST for _, line in rows)
+    lost = any(line == _LOST_SAMPLES for _, line in rows)
     # an empty line in their place keeps the numbers of the lines
-    kept_text = "\n".join("" if line.strip() == _LOST else line for line in text.splitlines()) if lost else text
+    kept_text = "\n".join("" if line.strip() == _LOST_SAMPLES else line for line in text.splitlines()) if lost else text
     return replace(numbered_columns(label, TextTable.of(kept_text)), lost=lost)

@@ -21,9 +21,9 @@ GAPS = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--"))  # cells w
 _POINT = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _COMMA = re.compile(r"[-+]?(?:\d+,\d+|,\d+)(?:[eE][-+]?\d+)?")
 _QUOTED = re.compile(r'"([^"]*)"|(\S+)')
-_EXAMINED = 200  # lines
+_EXAMINED_LINES = 200  # lines
 _ROUNDING = 1e-9  # of shares that are equal
-_ANY = 1e-3  # of a cell: a sign that divides lines without numbers is better than none
+_ANY_SIGN = 1e-3  # of a cell: a sign that divides lines without numbers is better than none
 
 
 class Dialect(NamedTuple):
@@ -88,20 +88,20 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
 
 def _has_decimal_comma(lines: Sequence[str], sign: str) -> bool:
     # between commas, a comma is within quotes
-    cells = [cell for line in lines[:_EXAMINED] for cell in Dialect(sign).cells(line)]
+    cells = [cell for line in lines[:_EXAMINED_LINES] for cell in Dialect(sign).cells(line)]
     return any(map(_COMMA.fullmatch, cells)) and not any("." in cell and _POINT.fullmatch(cell) for cell in cells)
 
 
 def _share_of_numbers(lines: Sequence[str], dialect: Dialect) -> float:
     """Return the share of numbers among the cells of the lines with the commonest number of cells, 0 of one column."""
-    rows = [dialect.cells(line) for line in lines[:_EXAMINED]]
+    rows = [dialect.cells(line) for line in lines[:_EXAMINED_LINES]]
     counts = Counter(len(row) for row in rows if len(row) > 1)
     if not counts:
         return 0.0
     usual, frequency = counts.most_common(1)[0]
     cells = [cell for row in rows if len(row) == usual for cell in row]
     numbers = sum(dialect.number(cell) is not None or cell.lower() in GAPS for cell in cells)
-    return (numbers + _ANY) / len(cells) * frequency / len(rows)
+    return (numbers + _ANY_SIGN) / len(cells) * frequency / len(rows)
 
 
 _HEAD_LINES = 100  # in which the rows may begin: programs of oscilloscopes write a long preamble
@@ -183,7 +183,7 @@ class TextTable:
 
 def _first_row(lines: Sequence[tuple[int, str]], dialect: Dialect) -> int:
     """Return the index of the first line with values: one in which all columns of numbers hold numbers, or gaps."""
-    rows = [dialect.cells(line) for _, line in lines[: _EXAMINED + _HEAD_LINES]]
+    rows = [dialect.cells(line) for _, line in lines[: _EXAMINED_LINES + _HEAD_LINES]]
     counts = Counter(map(len, rows))
     if not counts:
         return 0

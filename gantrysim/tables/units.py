@@ -70,12 +70,12 @@ KINDS: dict[str, dict[str, float]] = {
 # of positions in a machine's log that gives none, by the package's unit
 SI = {"mm": "m", "deg": "rad"}
 
-_SHARES = {
+_SHARE_UNITS = {
     "‰": 1e-3, "per mille": 1e-3, "0.1%": 1e-3, "0.1 %": 1e-3, "0,1%": 1e-3, "0,1 %": 1e-3,
     "%": 1e-2, "per cent": 1e-2, "percent": 1e-2,
 }  # fmt: skip
 _CURRENTS = ("A", "mA", "Arms")
-_RATED = re.compile(rf"({'|'.join(map(re.escape, _SHARES))})(?:\s+of\s+({NUMBER})\s*(\S.*))?")
+_SHARE_OF_RATED = re.compile(rf"({'|'.join(map(re.escape, _SHARE_UNITS))})(?:\s+of\s+({NUMBER})\s*(\S.*))?")
 
 # names of an encoder's counts, which the machine's table gives a size
 COUNTS = ("counts", "count", "cts", "edges", "pulses", "pulse", "ticks", "tick", "increments", "incr", "inc", "Inkr")
@@ -118,12 +118,12 @@ def factor(unit: str, kind: str, label: str, further: Mapping[str, float] | None
         InputError: a unit of another kind.
     """
     known = KINDS[kind] | dict(further or {})
-    rated = _RATED.fullmatch(unit.strip())
+    rated = _SHARE_OF_RATED.fullmatch(unit.strip())
     if rated:
         share, value, whole_unit = rated.groups()
         if not value:
             raise InputError(f"{label} is in {unit!r}: must say of what, as in '{share} of 1.27 {kind}'")
-        return _SHARES[share] * float(value) * factor(whole_unit, kind, label, further)
+        return _SHARE_UNITS[share] * float(value) * factor(whole_unit, kind, label, further)
     if unit not in known:
         is_current = kind == TORQUE and unit in _CURRENTS
         cure = "; a current has a torque by its constant, COLUMN*0.0302 N·m" if is_current else ""
@@ -132,24 +132,29 @@ def factor(unit: str, kind: str, label: str, further: Mapping[str, float] | None
 
 
 # what no quantity of the package is in, but columns beside it are, and parts of units
-_OTHERS = frozenset(
+_OTHER_UNITS = frozenset(
     (
         "-", "%", "‰", "1", "A", "mA", "Arms", "V", "mV", "W", "kW", "J", "N", "kN", "Ω", "ohm", "Hz", "kHz", "K", "C",
         "°C", "°F", "bar", "Pa", "kPa", "MPa", "g", "kg", "bit", "bool", "r", "U", "turns", "samples", "kpulse",
         *COUNTS,
     )
 )  # fmt: skip
-_LONGEST = 20  # characters of a unit
+_UNIT_LENGTH = 20  # characters of a unit
 _POWER = re.compile(r"(?:\^?-?\d|[⁻²³]+)$")
-_SIZE = re.compile(r"(?:x\s*)?\d+(?:\.\d+)?\s*(?=[^\d\s/])")
+_NUMBER_BEFORE_UNIT = re.compile(r"(?:x\s*)?\d+(?:\.\d+)?\s*(?=[^\d\s/])")
 
 
 def is_unit(text: str) -> bool:
     """Return whether a cell is a unit, as below the names of a table's columns: mm, [µm/s²], 0.1%, or none."""
     bare = text.strip().strip("[]()").strip()
-    if not bare or bare in _OTHERS or _RATED.fullmatch(bare) or any(bare in units for units in KINDS.values()):
+    if (
+        not bare
+        or bare in _OTHER_UNITS
+        or _SHARE_OF_RATED.fullmatch(bare)
+        or any(bare in units for units in KINDS.values())
+    ):
         return True
-    if len(bare) > _LONGEST:
+    if len(bare) > _UNIT_LENGTH:
         return False
-    parts = [_POWER.sub("", part.strip()) for part in re.split(r"[/·*⋅]", _SIZE.sub("", bare, count=1))]
-    return all(part in _OTHERS or any(part in units for units in KINDS.values()) for part in parts)
+    parts = [_POWER.sub("", part.strip()) for part in re.split(r"[/·*⋅]", _NUMBER_BEFORE_UNIT.sub("", bare, count=1))]
+    return all(part in _OTHER_UNITS or any(part in units for units in KINDS.values()) for part in parts)

@@ -24,7 +24,9 @@ def test_the_time_of_a_job_is_that_of_its_first_ticks_times_their_number(monkeyp
     monkeypatch.setattr(evaluation, "simulate", slow)
     monkeypatch.setattr(evaluation, "perf_counter", lambda: clock[0])
     job = Job.load("an225", [f"turns={turns}"])
-    assert evaluation.computing_time(job) == pytest.approx(evaluation._ALL * 1e-3 * len(job.setpoints.position))
+    assert evaluation.computing_time(job) == pytest.approx(
+        evaluation._TIME_OVER_SIMULATION * 1e-3 * len(job.setpoints.position)
+    )
     assert clock[0] <= 10.0  # of ticks that are run to see
 
 

@@ -53,7 +53,7 @@ def test_every_built_in_job_has_a_saved_answer():
 def test_a_run_ends_on_one_screen_whose_words_and_units_are_whole(name, width, monkeypatch, capsys):
     text = shown(name, width, monkeypatch, capsys)
     lines = text.splitlines()
-    assert len(lines) + AFTER <= tables.LONGEST
+    assert len(lines) + AFTER <= tables.TABLE_LINES
     assert max(map(len, lines)) <= width
     assert all(line and line == line.rstrip() for line in lines)
     for part in texts(ANSWERS[name]):
@@ -84,7 +84,7 @@ def test_the_command_prints_one_screen(width, gantrysim_command, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     for name in builtin_jobs():
         _, printed, _ = gantrysim_command("run", name, "--no-video")
-        assert len(printed.splitlines()) <= tables.LONGEST, name
+        assert len(printed.splitlines()) <= tables.TABLE_LINES, name
         assert "change " in printed or Job.load(name).run().verdict.state == "pass"
 
 

@@ -5,7 +5,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.lines import LONGEST, compact, plain_line, plain_words, read_firmware
+from gantrysim.controllers.gcode.lines import LINE_LENGTH, compact, plain_line, plain_words, read_firmware
 
 from support.soaked import examples
 
@@ -20,7 +20,7 @@ SPOILED = st.tuples(LINES, st.sampled_from(list(";()*/%$ \x1c\u00a0\u0661.-+#[]e
 @example(line="X1 0")
 @example(line="X1;Y2")
 @example(line="X1Y")
-@example(line="X1 " * LONGEST)
+@example(line="X1 " * LINE_LENGTH)
 @examples(500)
 def test_the_short_way_reads_what_the_general_ways_read(line):
     words = plain_line(line)
@@ -40,9 +40,9 @@ def test_the_lines_of_long_programs_take_it():
 
 @pytest.mark.parametrize("read", [compact, read_firmware])
 def test_a_long_line_is_left_to_the_general_ways_which_refuse_it(read):
-    line = "X1" * LONGEST
+    line = "X1" * LINE_LENGTH
     assert plain_line(line) is None
-    with pytest.raises(InputError, match=f"must be at most {LONGEST}"):
+    with pytest.raises(InputError, match=f"must be at most {LINE_LENGTH}"):
         read(line)
 
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import Basic, InterpreterTime
 from gantrysim.controllers.trio.basic.expressions import known_words
-from gantrysim.controllers.trio.basic.words import IGNORED
+from gantrysim.controllers.trio.basic.words import IGNORED_WORDS
 
 from support.soaked import examples
 
@@ -466,7 +466,7 @@ def test_a_long_log_is_cut():
 def test_the_page_names_every_word():
     page = (Path(__file__).parent.parent.parent / "docs" / "trio-basic.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"[A-Z_]+[A-Z0-9_]*", page))
-    without_effect = set(IGNORED)
+    without_effect = set(IGNORED_WORDS)
     assert set(known_words()) - without_effect - listed == set()
     assert listed & without_effect  # some of them as examples
 

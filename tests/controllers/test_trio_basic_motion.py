@@ -435,7 +435,7 @@ OTHER = "'$PROGRAM OTHER\nBASE(2): SPEED=7: FORWARD: WA(333.5): CANCEL: WAIT IDL
 )
 def test_periods_passed_at_once_are_those_passed_one_by_one(text, changed, monkeypatch):
     at_once = basic(text, **changed).trace(DT)
-    monkeypatch.setattr(interpreter, "_LONGEST", 1)
+    monkeypatch.setattr(interpreter, "_PASSED_PERIODS", 1)
     one_by_one = basic(text, **changed).trace(DT)
     for name in ("position", "outputs", "lines"):
         assert np.array_equal(getattr(at_once, name), getattr(one_by_one, name))

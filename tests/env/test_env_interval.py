@@ -6,7 +6,7 @@ import pytest
 
 from gantrysim.env import episode_batch
 from gantrysim.env.decision import IntervalValues
-from gantrysim.env.interval import AXIS_VALUES, PATH_VALUES, SPAN, measure
+from gantrysim.env.interval import AXIS_VALUES, MEASURED_SPAN, PATH_VALUES, measure
 from gantrysim.machine.row import ROW, Log
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.spirals import Involute
@@ -50,7 +50,7 @@ def span_of(path, progress, on, peak, of_path, of_axes):
         "s": table.s,
         "progress": progress,
     }
-    span = np.zeros(1, SPAN)
+    span = np.zeros(1, MEASURED_SPAN)
     for name, array in arrays.items():
         span[name] = array.ctypes.data
     span["count"], span["entries"], span["widest"] = len(on), len(table.s), table.widest

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo, simulate
-from gantrysim.exchange.gains import BESIDE, DIALECTS, THROUGH, export_gains, import_gains, read_gains
+from gantrysim.exchange.gains import BESIDE_GAINS, DIALECTS, THROUGH, export_gains, import_gains, read_gains
 from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import LAW_PARAMETERS
@@ -340,7 +340,7 @@ def test_every_field_of_the_servo_is_exported_or_listed_or_refused(field, name):
 
 def test_the_groups_of_fields_hold_each_field_once(servo):
     refused = {*GAIN_NAMES, "notch_frequency", "law"}
-    groups = [refused, set(BESIDE), set(THROUGH)]
+    groups = [refused, set(BESIDE_GAINS), set(THROUGH)]
     assert sum(map(len, groups)) == len(set().union(*groups))
     assert set().union(*groups) == set(servo.values()) == ACTING.keys()
     assert all(through in refused for through in THROUGH.values())

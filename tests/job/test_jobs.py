@@ -13,7 +13,7 @@ from gantrysim.job.programs import PROGRAMS, build
 from gantrysim.job.settings import INTEGRAL_TIME, ServoSettings
 from gantrysim.machine.machine import builtin_models
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.servo.request import DERIVED
+from gantrysim.servo.request import DERIVED_VALUES
 
 from support.jobs import job_run
 from support.soaked import suite_runs
@@ -206,7 +206,7 @@ def test_the_servo_s_table_has_the_keywords_of_derive():
     keywords = {name: value.default for name, value in inspect.signature(Servo.derive).parameters.items()}
     del keywords["axes"], keywords["given"]
     keywords["integral_time"] = INTEGRAL_TIME  # a job has an integral term unless it says otherwise
-    derived = {quantity.name: None for quantity in DERIVED}
+    derived = {quantity.name: None for quantity in DERIVED_VALUES}
     fields = ServoSettings.model_fields
     assert {name: field.default for name, field in fields.items()} == keywords | derived
     assert list(fields) == [*keywords, *derived]

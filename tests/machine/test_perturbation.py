@@ -16,7 +16,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.axis import read_axes
-from gantrysim.machine.perturbation import FACTORS, Perturbation
+from gantrysim.machine.perturbation import VARIED_FACTORS, Perturbation
 
 from support.runs import ideal_motors, plain, ramp
 
@@ -329,7 +329,7 @@ def test_every_machine_takes_quasi_random_factors_and_runs(name):
     machine = Machine(name)
     generator = np.random.default_rng(1)
     for _ in range(4):
-        factors = {key: tuple(generator.uniform(0.6, 1.5, len(machine.axes))) for key in FACTORS}
+        factors = {key: tuple(generator.uniform(0.6, 1.5, len(machine.axes))) for key in VARIED_FACTORS}
         other = machine.perturbed(Perturbation(payload=generator.uniform(0, 0.5), **factors))
         data = mujoco.MjData(other.model)
         for _ in range(100):

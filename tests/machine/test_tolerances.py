@@ -5,7 +5,7 @@ import pytest
 
 from gantrysim import Machine
 from gantrysim.base.errors import InputError
-from gantrysim.machine.perturbation import FACTORS, Perturbation
+from gantrysim.machine.perturbation import VARIED_FACTORS, Perturbation
 from gantrysim.machine.tolerances import Tolerances
 
 UNIFORM = 0.04  # largest gap between the distribution of 2000 draws and the one meant: Kolmogorov's at 0.3 %
@@ -35,7 +35,7 @@ def test_draws_are_uniform_over_every_range(xy):
     spread = Tolerances()
     drawn = draws(spread, xy, DRAWS)
     columns = [np.array([one.payload for one in drawn]) / spread.payload]
-    for name in FACTORS:
+    for name in VARIED_FACTORS:
         values = np.array([getattr(one, name) for one in drawn])
         assert values.shape == (DRAWS, 2)
         columns += list(unit_of(values, getattr(spread, name)).T)
@@ -50,13 +50,15 @@ def test_the_same_seed_draws_the_same_machine(xyz):
     assert draws(Tolerances(), xyz, 5) != draws(Tolerances(), xyz, 5, seed=2)
 
 
-@pytest.mark.parametrize("name", ["payload", *FACTORS])
+@pytest.mark.parametrize("name", ["payload", *VARIED_FACTORS])
 def test_a_factor_does_not_depend_on_the_other_tolerances(xy, name):
-    alone = Tolerances(**{**dict.fromkeys(("payload", *FACTORS), 0.0), name: getattr(Tolerances(), name)})
+    alone = Tolerances(**{**dict.fromkeys(("payload", *VARIED_FACTORS), 0.0), name: getattr(Tolerances(), name)})
     for one, other in zip(draws(alone, xy, 3), draws(Tolerances(), xy, 3), strict=True):
         assert getattr(one, name) == getattr(other, name)
         nominal = Perturbation()
-        assert all(getattr(one, rest) == getattr(nominal, rest) for rest in ("payload", *FACTORS) if rest != name)
+        assert all(
+            getattr(one, rest) == getattr(nominal, rest) for rest in ("payload", *VARIED_FACTORS) if rest != name
+        )
 
 
 def test_tolerances_of_zero_give_the_nominal_machine(xy):
@@ -89,7 +91,7 @@ def test_springs_above_all_axes_have_one_factor(rigid):
 def test_a_hypercube_has_one_machine_in_each_part_of_every_range(xyz):
     machines = Tolerances().machines(xyz, 16, seed=4)
     assert np.sort([int(16 * one.payload / 0.3) for one in machines]).tolist() == list(range(16))
-    for name in FACTORS:
+    for name in VARIED_FACTORS:
         values = unit_of(np.array([getattr(one, name) for one in machines]), getattr(Tolerances(), name))
         assert np.sort((16 * values).astype(int), axis=0).tolist() == np.arange(16)[:, None].repeat(3, axis=1).tolist()
     assert machines == Tolerances().machines(xyz, 16, seed=4)

@@ -20,7 +20,7 @@ from gantrysim.report.encoding import encoded_ascending, encoded_numbers, encode
 from gantrysim.report.figures import description, inline_svg, section_name
 from gantrysim.report.page import in_order, run_sections, viewer_page
 from gantrysim.report.plots.bead import draw_laid
-from gantrysim.report.plots.pictures import HALF, PLOT_WIDTH, Plot, run_plots
+from gantrysim.report.plots.pictures import HALF_HEIGHT, PLOT_WIDTH, Plot, run_plots
 from gantrysim.report.plots.plan import magnification, overview
 from gantrysim.report.plots.style import draw_limit, sheet, thinned_line, turn_colours, view_height
 from gantrysim.report.scatter import rows_of, scatter_section, scatter_summary
@@ -318,7 +318,7 @@ def style_answer():
         "heights": [view_height(*size, 7.6) for size in ((100, 100), (100, 5), (10, 100), (100, 60), (0, 1))],
         "thinned": [[int(a.size), int(np.isnan(b).sum()), float(a.sum())] for a, b in thin],
         "turns": turn_colours(3),
-        "widths": [PLOT_WIDTH, HALF],
+        "widths": [PLOT_WIDTH, HALF_HEIGHT],
         "magnifications": [
             magnification(results_in(name).budget.analysis) for name in ("fixed flow", "soft", "spiral")
         ],

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from gantrysim.remedy.combination import SHARE, Combinations, Pick, rank
+from gantrysim.remedy.combination import BURDEN_SHARE, Combinations, Pick, rank
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
 from gantrysim.results.checks import Check, Row
 
@@ -45,7 +45,9 @@ def names(picks):
     return {pick.lever.name for pick in picks}
 
 
-@pytest.mark.parametrize(("leaves", "joins"), [(1.0, False), (1 - 0.5 * SHARE, False), (1 - 2 * SHARE, True)])
+@pytest.mark.parametrize(
+    ("leaves", "joins"), [(1.0, False), (1 - 0.5 * BURDEN_SHARE, False), (1 - 2 * BURDEN_SHARE, True)]
+)
 def test_a_lever_joins_only_where_it_lowers_the_burden_by_a_hundredth(leaves, joins):
     levers = [lever("strong"), lever("weak")]
     tried = combinations({"strong": 0.5, "weak": leaves})
@@ -57,7 +59,7 @@ def test_a_lever_joins_only_where_it_lowers_the_burden_by_a_hundredth(leaves, jo
         assert names(more) == {"strong", "weak"}
 
 
-@pytest.mark.parametrize(("leaves", "spared"), [(1 - 0.5 * SHARE, True), (1 - 2 * SHARE, False)])
+@pytest.mark.parametrize(("leaves", "spared"), [(1 - 0.5 * BURDEN_SHARE, True), (1 - 2 * BURDEN_SHARE, False)])
 def test_a_lever_without_which_the_burden_hardly_grows_is_left_out(leaves, spared):
     picks = [Pick(lever("strong"), ""), Pick(lever("weak", Effort.HARDWARE), "")]
     needed = combinations({"strong": 0.5, "weak": leaves}).without_spare(picks)
@@ -66,7 +68,7 @@ def test_a_lever_without_which_the_burden_hardly_grows_is_left_out(leaves, spare
 
 def test_of_levers_that_are_as_good_the_one_that_takes_least_joins():
     levers = [lever("part", Effort.HARDWARE), lever("value")]
-    factors = {"part": 0.5, "value": 0.5 + 0.5 * SHARE}
+    factors = {"part": 0.5, "value": 0.5 + 0.5 * BURDEN_SHARE}
     assert names(combinations(factors).with_best_lever([], levers)) == {"value"}
 
 

@@ -241,7 +241,7 @@ def test_a_motion_is_simulated_once_as_long_as_it_is_kept(monkeypatch):
     assert bench.measure(job) != wanted[0]
     assert bench.measure(others[0]) == wanted[0]
     assert len(runs) == 1
-    monkeypatch.setattr("gantrysim.remedy.bench.ROOM", 0)
+    monkeypatch.setattr("gantrysim.remedy.bench.KEPT_ROOM", 0)
     bench.measure(job.changed({"bead.gap": 0.7}))  # with a motion that is still kept, and dropped thereafter
     assert bench.measure(others[1]) == wanted[1]
     assert len(runs) == 2

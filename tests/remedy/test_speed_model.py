@@ -7,7 +7,7 @@ from gantrysim.controllers.speeds import Stretches
 from gantrysim.remedy.by_place import _Search
 from gantrysim.remedy.speed_model import (
     ENDS,
-    LARGEST,
+    LARGEST_ERROR,
     LEVEL,
     TARGET,
     WIDTH,
@@ -36,9 +36,9 @@ def usage(speeds, steps=0.0):
     """What first-order axes, friction and a late valve use of their limits; steps of the speed add to the contour."""
     shares = np.zeros((4, 5, 2))
     lag = speeds**2 / (RADII * BANDWIDTH**2)
-    shares[LARGEST] = np.repeat(lag, 2).reshape(-1, 2) / TOLERANCE
-    shares[LEVEL] = shares[LARGEST]
-    shares[LARGEST, 4, 0] = FRICTION / TOLERANCE
+    shares[LARGEST_ERROR] = np.repeat(lag, 2).reshape(-1, 2) / TOLERANCE
+    shares[LEVEL] = shares[LARGEST_ERROR]
+    shares[LARGEST_ERROR, 4, 0] = FRICTION / TOLERANCE
     shares[ENDS, 4, 1] = DELAY * speeds[4] / STOP
     change = np.abs(np.diff(speeds)) / np.minimum(speeds[1:], speeds[:-1])
     shares[WIDTH, 1:, 0] = 0.01 + steps * change
@@ -100,7 +100,7 @@ def test_a_stretch_may_use_its_level_of_the_limit_of_95_percent():
 
     def level_alone(speeds):
         shares = usage(speeds).shares
-        shares[[LARGEST, WIDTH, ENDS]] *= 0.5
+        shares[[LARGEST_ERROR, WIDTH, ENDS]] *= 0.5
         return LocalUsage(shares, speeds)
 
     model = SpeedModel(path())

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.job.job import Job
-from gantrysim.render.camera import FADED, FIELD_OF_VIEW, MARGIN, Flight, Framing, Sight, View
+from gantrysim.render.camera import FADED, FIELD_OF_VIEW, PICTURE_MARGIN, Flight, Framing, Sight, View
 from gantrysim.render.film import Film, Take, _common_framing
 from gantrysim.render.renderer import Inset
 from gantrysim.render.scene import Scene
@@ -43,10 +43,10 @@ def test_the_least_distance_just_holds_every_point_with_the_margin(place, azimut
     distance = framing.distance(shape)
     where, depth = seen(framing, shape, distance)
     assert depth.min() > 0
-    assert np.abs(where).max() <= 1 / MARGIN + 1e-9
+    assert np.abs(where).max() <= 1 / PICTURE_MARGIN + 1e-9
     if distance > 0.081:  # not held back by the needle's room: nearer, a point would leave the margin
         nearer, _ = seen(framing, shape, 0.99 * distance)
-        assert np.abs(nearer).max() > 1 / MARGIN
+        assert np.abs(nearer).max() > 1 / PICTURE_MARGIN
     np.testing.assert_allclose(framing.in_picture(shape), where, atol=1e-9)
 
 
@@ -94,8 +94,8 @@ def test_the_whole_bead_is_in_the_picture_at_every_time(staged):
         forward, right, up = pinhole.axes
         relative = world - (view.centre - view.distance * forward)
         half = np.tan(np.radians(view.field / 2)) * (relative @ forward)
-        assert np.abs(relative @ up / half).max() < 1 / MARGIN + 0.02  # between the looked-at points
-        assert np.abs(relative @ right / (half * SHAPE)).max() < 1 / MARGIN + 0.02
+        assert np.abs(relative @ up / half).max() < 1 / PICTURE_MARGIN + 0.02  # between the looked-at points
+        assert np.abs(relative @ right / (half * SHAPE)).max() < 1 / PICTURE_MARGIN + 0.02
 
 
 def test_what_hides_the_bead_fades_and_nothing_else(staged):

@@ -62,7 +62,7 @@ def test_a_short_program_is_listed_whole_and_of_a_long_one_the_lines_that_run():
 @pytest.mark.parametrize(("counts", "images"), [((300, 300), 0), ((300, 600), 1)])
 def test_a_line_that_would_take_megabytes_is_an_image(monkeypatch, counts, images):
     """In a page with a path that is too long, the lines of many points; points that jump do not simplify away."""
-    monkeypatch.setattr("gantrysim.report.figures._LONGEST", 4500)
+    monkeypatch.setattr("gantrysim.report.figures._PATH_LENGTH", 4500)
     monkeypatch.setattr("gantrysim.report.figures._POINTS_OF_A_LINE", 500)
     figure = Figure()
     for count in counts:

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from gantrysim import Job
 from gantrysim.glue.bead import Bead
-from gantrysim.glue.bead.trace import LEVEL, climb, leaves_plane
+from gantrysim.glue.bead.trace import LEVEL_CLIMB, climb, leaves_plane
 from gantrysim.job.basis import program_lines, program_lines_at
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.outline import outline
@@ -352,7 +352,7 @@ def test_a_page_has_the_third_dimension_where_the_bead_climbs(shown):
     assert leaves_plane(run)
     assert not leaves_plane(shown.budget.analysis.run)
     flat = run.nozzle[run.dispense][:, 2] * (0.999 / 16)
-    assert climb(flat) < LEVEL
+    assert climb(flat) < LEVEL_CLIMB
     assert ViewerData(shown).content()["space"] is None
 
 

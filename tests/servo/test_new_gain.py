@@ -14,7 +14,7 @@ import gantrysim
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.gains import GAIN_NAMES, GAINS, Gains
 from gantrysim.servo.laws.p_pi import without_term
-from gantrysim.servo.request import DERIVED
+from gantrysim.servo.request import DERIVED_VALUES
 from gantrysim.servo.servo import Servo
 
 FIELD = '    kx: Annotated[float, "N·m/u", "torque per following error, once more"] = 0.0\n'
@@ -77,7 +77,7 @@ def _insert(file: Path, line: str, text: str, *, after: bool) -> None:
 def test_every_list_of_gains_follows_from_the_fields():
     assert [gain.name for gain in GAINS] == list(Gains._fields) == list(GAIN_NAMES)
     assert all(gain.unit and gain.meaning for gain in GAINS)
-    assert DERIVED[: len(GAINS)] == GAINS
+    assert DERIVED_VALUES[: len(GAINS)] == GAINS
     assert GAINS[0] == ("kp", "N·m/u", "torque per following error")
 
 

@@ -42,7 +42,7 @@ def frictionless(geometry):
 
 def test_an_axis_positions_as_its_geometry_says(monkeypatch):
     monkeypatch.setattr(positioning_module, "_SPEED", 25.0)  # no overshoot, which the play would keep
-    monkeypatch.setattr(positioning_module, "_SHORTEST", 0.6)
+    monkeypatch.setattr(positioning_module, "_SHORTEST_TIME", 0.6)
     geometry = Geometry(travel_error=0.05, periodic_error=0.006, play=0.016, warming=4)
     found = positioning(frictionless(geometry), "x", [Perturbation()] * 2)
     t = targets_of((-150.0, 150.0))

@@ -20,7 +20,7 @@ SAME_PLACE = 1e-3  # largest distance of two paths that are the same [mm]
 
 _SAME_PLACE = 1e-6  # distance or time below which two places are one: rounding at the ends of a bead [mm or s]
 _SPACING = 0.2  # of the points that are compared [mm]
-_POINTS = (500, 200_000)  # least and largest number of them
+_POINT_COUNTS = (500, 200_000)  # least and largest number of them
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Parting:
 def parting_of(first: Path, other: Path, number: int) -> Parting | None:
     """Return where a path leaves the first one; None where both are the same all the way."""
     common = min(first.length, other.length)
-    count = int(np.clip(np.ceil(common / _SPACING), *_POINTS)) + 1
+    count = int(np.clip(np.ceil(common / _SPACING), *_POINT_COUNTS)) + 1
     s = np.linspace(0.0, common, count)
     apart = np.linalg.norm(first.position(s) - other.position(s), axis=1) > SAME_PLACE
     if apart.any():

@@ -19,12 +19,12 @@ from gantrysim.record.run import Run, check_run
 from gantrysim.report.folder import SUMMARY, SavedRun
 from gantrysim.results.run_results import RunResults
 
-FEWEST = 2
+FEWEST_RUNS = 2
 MOST_RUNS = 4  # of runs: more lines over one another cannot be told apart
 RUN_DASHES: tuple[list[int], ...] = ([7, 3], [], [2, 3], [12, 3, 2, 3])  # lengths of dashes and gaps [pixels]
 
 _RMS = ERROR_SIZES[0]
-_LONGEST = 1 << 24  # summary, ten times that of a spiral of a thousand turns [bytes]
+_SUMMARY_SIZE = 1 << 24  # summary, ten times that of a spiral of a thousand turns [bytes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def _saved_causes(file: Path) -> dict[str, float] | None:
     The file may be a stranger's: what is no number is left out, and so is all of no regular file.
     """
     try:
-        content = json.loads(read_text(file, most=_LONGEST))
+        content = json.loads(read_text(file, most=_SUMMARY_SIZE))
         causes: dict[str, Any] = content["causes"] or {}
         worth = {name: effect["worth"]["contour"][_RMS.key] for name, effect in causes.items() if effect["worth"]}
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):

@@ -17,7 +17,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.display import Shown
 from gantrysim.compare.runs.common_path import Parting, PlaceDifference, Track, difference_at_places, partings_of
-from gantrysim.compare.runs.compared_run import FEWEST, ComparedRun
+from gantrysim.compare.runs.compared_run import FEWEST_RUNS, ComparedRun
 from gantrysim.compare.runs.differences import (
     BETTER,
     WORSE,
@@ -36,8 +36,8 @@ from gantrysim.results.verdict import Verdict
 
 NOTHING_APART = 1e-9  # largest difference of two errors that is rounding [mm]
 
-_EQUAL = 1e-6  # of a burden or a usage, below which two are the same
-_LISTED = 3  # checks and keys that a sentence names
+_EQUAL_BURDENS = 1e-6  # of a burden or a usage, below which two are the same
+_NAMED_CHECKS = 3  # checks and keys that a sentence names
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,7 +118,7 @@ class ComparedRuns(Shown):
     def causes(self) -> dict[str, tuple[float | None, ...]]:
         """What causes are worth of the rms contour error [mm]; empty unless they are known of two runs or more."""
         known = [run.causes or {} for run in self.runs]
-        if sum(bool(worth) for worth in known) < FEWEST:
+        if sum(bool(worth) for worth in known) < FEWEST_RUNS:
             return {}
         names = dict.fromkeys(name for worth in known for name in worth)
         return {name: tuple(worth.get(name) for worth in known) for name in names}
@@ -252,7 +252,7 @@ def _unchecked_failures(verdict: Verdict) -> float:
 def is_better(first: Verdict, second: Verdict) -> bool:
     """Return whether a verdict is better than another."""
     for value, rival in zip(*ranks_of(first, second), strict=True):
-        if value != rival and not math.isclose(value, rival, rel_tol=_EQUAL, abs_tol=_EQUAL):
+        if value != rival and not math.isclose(value, rival, rel_tol=_EQUAL_BURDENS, abs_tol=_EQUAL_BURDENS):
             return value < rival
     return False
 
@@ -288,7 +288,7 @@ def answer(
     if best is None:
         states = "; ".join(f"{name} {verdict.headline}" for name, verdict in zip(names, verdicts, strict=True))
         sentences = [f"None is better than the others by its verdict: {states}."]
-        if len(names) == FEWEST:
+        if len(names) == FEWEST_RUNS:
             sentences += _unjudged_rows(names, verdicts, 0, 1)
         return " ".join([*sentences, what])
     others = [number for number in range(len(verdicts)) if number != best]
@@ -341,9 +341,9 @@ def _losses(checks: Sequence[CheckChange], best: int, rival: int) -> str:
     """Return the checks in which the best run is worse and does not pass, the largest first."""
     worse = [check for check in checks if check.judgement(best, rival) == WORSE and not _passes(check, best)]
     worse.sort(key=lambda check: _weight(check, rival, best), reverse=True)
-    texts = [_values(check, best, rival) for check in worse[:_LISTED]]
-    if len(worse) > _LISTED:
-        texts.append(f"{len(worse) - _LISTED} further checks")
+    texts = [_values(check, best, rival) for check in worse[:_NAMED_CHECKS]]
+    if len(worse) > _NAMED_CHECKS:
+        texts.append(f"{len(worse) - _NAMED_CHECKS} further checks")
     return "; ".join(texts)
 
 
@@ -375,7 +375,7 @@ def _differences_text(differences: Sequence[JobDifference]) -> str:
         return "Their jobs, machines and servos do not differ."
     given = [difference for difference in differences if difference.kind == "job" or difference.key == "machine"]
     shown = given or list(differences)
-    texts = [str(difference) for difference in shown[:_LISTED]]
+    texts = [str(difference) for difference in shown[:_NAMED_CHECKS]]
     further = len(differences) - len(texts)
     if further:
         texts.append(f"{further} further value{'s' if further > 1 else ''}")

@@ -16,7 +16,7 @@ from gantrysim.results.checks import PASS, SYMBOLS, UNJUDGED, Check, Row, finite
 from gantrysim.results.quantities import GROUPS, Group
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import STABILITY, Verdict
-from gantrysim.servo.request import DERIVED
+from gantrysim.servo.request import DERIVED_VALUES
 from gantrysim.servo.stability.margins import GAIN_MARGIN
 
 # What differs between the jobs of runs: keys of the job file, the machine, and the servo that they make.
@@ -25,9 +25,9 @@ JOB = "job"
 MACHINE = "machine"
 SERVO = "servo"
 
-_IGNORED = ("name", "source")  # labels: they do not act on the run
+_IGNORED_KEYS = ("name", "source")  # labels: they do not act on the run
 _DIGITS = 6  # significant, of a number
-_LONGEST = 60  # characters of a line of a program
+_SHOWN_LINE = 60  # characters of a line of a program
 _DIGEST = 12  # characters of a digest that tell two apart
 _UNIT = re.compile(r"\bu\b")  # of the axis
 # of an axis of the machine, with its unit, in which u is the axis' own
@@ -73,7 +73,7 @@ def differences_of(runs: Sequence[ComparedRun]) -> tuple[JobDifference, ...]:
 def _job_values(jobs: Sequence[Job]) -> Iterator[JobDifference]:
     tables = [dict(_flat(job.model_dump(exclude_none=True))) for job in jobs]
     for key in dict.fromkeys(key for table in tables for key in table):
-        if key in _IGNORED:
+        if key in _IGNORED_KEYS:
             continue
         values = [table.get(key) for table in tables]
         kind = MACHINE if key == "machine" else JOB
@@ -113,7 +113,7 @@ def _text_differences(key: str, values: Sequence[Any]) -> Iterator[JobDifference
     lines = [[] if value is None else str(value).splitlines() for value in values]
     for number, row in enumerate(zip_longest(*lines, fillvalue=NOTHING), 1):
         if len(set(row)) > 1:
-            yield JobDifference(JOB, f"{key}, line {number}", tuple(line.strip()[:_LONGEST] for line in row))
+            yield JobDifference(JOB, f"{key}, line {number}", tuple(line.strip()[:_SHOWN_LINE] for line in row))
             break
     counts = tuple(f"{len(text)} lines" for text in lines)
     others = sum(len(set(row)) > 1 for row in zip_longest(*lines)) - 1
@@ -143,7 +143,7 @@ def _servo_values(jobs: Sequence[Job]) -> Iterator[JobDifference]:
     yield JobDifference(SERVO, "servo period [ms]", tuple(_text(1e3 * servo.period) for servo in servos))
     numbers = [{axis.name: k for k, axis in enumerate(job.built_machine.axes)} for job in jobs]
     units = {axis.name: axis.unit for axis in jobs[0].built_machine.axes}
-    for parameter in DERIVED:
+    for parameter in DERIVED_VALUES:
         for axis in _shared_names(numbers):
             values = [
                 servo.per_axis(parameter.name)[number[axis]] for servo, number in zip(servos, numbers, strict=True)

@@ -28,8 +28,8 @@ from gantrysim.report.viewer_data import BEAD, ERROR, MOTION, bead_height
 from gantrysim.results.colours import INK, RUNS
 
 _DIGITS = 4  # significant, of a quantity's largest value
-_LEVEL = 1e-6  # [mm], height above which a run leaves its plane
-_PLACES = ("x", "y", "z", "dx", "dy", "height", "time")  # columns without a strip
+_LEVEL_HEIGHT = 1e-6  # [mm], height above which a run leaves its plane
+_PLACE_COLUMNS = ("x", "y", "z", "dx", "dy", "height", "time")  # columns without a strip
 
 # quantities of the strips: label, unit, group, meaning
 Strip = tuple[str, str, str, str]
@@ -78,7 +78,7 @@ class OverlayData:
             yield "width", np.interp(bead.length[ticks], bead.place, bead.width)
             if self._in_space:
                 yield "height", bead_height(bead, ticks)
-        if self._in_space and np.ptp(analysis.run.nozzle[ticks, 2]) > _LEVEL:
+        if self._in_space and np.ptp(analysis.run.nozzle[ticks, 2]) > _LEVEL_HEIGHT:
             yield "z", analysis.run.nozzle[ticks, 2]
         yield "speed", path_speed(analysis.run)[ticks]
 
@@ -124,7 +124,7 @@ class OverlayData:
         coded = {"place": encoded_numbers(places)}
         for number, table in enumerate(columns):
             for name, values in table.items():
-                if name in strips or name in _PLACES:
+                if name in strips or name in _PLACE_COLUMNS:
                     coded[f"{name}.{number}"] = encoded_numbers(values)
         return {
             "rows": int(places.size),

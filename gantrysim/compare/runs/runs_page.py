@@ -14,7 +14,7 @@ import numpy as np
 from gantrysim.base.errors import InputError
 from gantrysim.base.extras import package_versions
 from gantrysim.base.quantity import MINUS, NOTHING, Quantity
-from gantrysim.compare.runs.compared_run import FEWEST, MOST_RUNS, ComparedRun, names_of_jobs
+from gantrysim.compare.runs.compared_run import FEWEST_RUNS, MOST_RUNS, ComparedRun, names_of_jobs
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.compare.runs.differences import CheckChange, with_share
 from gantrysim.compare.runs.overlay_data import OverlayData
@@ -262,10 +262,12 @@ def compare_runs(*runs: Run | SavedRun | RunResults, names: Sequence[str] | None
 
 def check_number(runs: int) -> None:
     """Raise InputError unless so many runs can be compared."""
-    if runs < FEWEST:
+    if runs < FEWEST_RUNS:
         raise InputError(f"compare: {runs} run: name another to compare it with, or a log with --measured FILE")
     if runs > MOST_RUNS:
-        raise InputError(f"compare: {runs} runs: must be {FEWEST} to {MOST_RUNS}, as more lines cannot be told apart")
+        raise InputError(
+            f"compare: {runs} runs: must be {FEWEST_RUNS} to {MOST_RUNS}, as more lines cannot be told apart"
+        )
 
 
 def _job_name(run: Run | SavedRun | RunResults) -> str:

@@ -10,7 +10,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.code import Frame
 
 MOST_PER_TICK = 1000  # statements of a task within a tick, where they cost no time
-_EARLY = 1e-9  # of a tick: rounding of the times of statements
+_TIME_ROUNDING = 1e-9  # of a tick: rounding of the times of statements
 
 
 class LimitError(InputError):
@@ -145,7 +145,7 @@ class Scheduler:
             task.blocked = None
             task.polls = False
             task.ready = max(task.ready, now)
-        due = now + _EARLY * (now + self._period)
+        due = now + _TIME_ROUNDING * (now + self._period)
         count = 0
         code = task.code
         while task.ready <= due and not task.ended and task.blocked is None:

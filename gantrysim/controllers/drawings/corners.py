@@ -16,15 +16,15 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.controllers.drawings.fitting import arc_to, middle
-from gantrysim.paths.pieces import SHORTEST, XY, Coil, Line, vector
+from gantrysim.paths.pieces import SHORTEST_PIECE, XY, Coil, Line, vector
 
-SMOOTH = 1e-5  # turn that is no corner [rad]
-_SHARPEST = math.radians(175)  # turn that is rounded
+SMOOTH_TURN = 1e-5  # turn that is no corner [rad]
+_SHARPEST_TURN = math.radians(175)  # turn that is rounded
 _SAMPLES = np.linspace(0.0, 1.0, 41)  # of an arc, for its deviation
 _SAFETY = 0.99  # share of the tolerance at the samples
 _SHRINK = 0.85
 _TRIALS = 60
-_LEVEL = 1e-9  # [mm]
+_LEVEL_HEIGHT = 1e-9  # [mm]
 # Least distance from a corner at which a piece is left: the sharpest blend is then still longer than SHORTEST [mm].
 _LEAST_CUT = 1e-7
 
@@ -135,7 +135,7 @@ def legs_with_corners(legs: list[Leg], tolerance: float, count: Count) -> list[L
         count: of corners, increased.
     """
     turns = np.array([turn(tangent(a.piece, 1.0), tangent(b.piece, 0.0)) for a, b in pairwise(legs)])
-    corner = turns > SMOOTH
+    corner = turns > SMOOTH_TURN
     lengths = np.array([leg.length for leg in legs])
     sides = np.append(corner, False).astype(int) + np.append(False, corner)
     room = np.where(sides == 2, 0.5, 1.0) * lengths
@@ -145,7 +145,7 @@ def legs_with_corners(legs: list[Leg], tolerance: float, count: Count) -> list[L
         blend = None
         before = legs[k]
         after = legs[k + 1]
-        if tolerance > 0 and turns[k] < _SHARPEST and before.glue == after.glue and not before.pause:
+        if tolerance > 0 and turns[k] < _SHARPEST_TURN and before.glue == after.glue and not before.pause:
             blend = _blend(before.piece, after.piece, turns[k], min(room[k], room[k + 1]), tolerance)
         if blend is None:
             count.sharp += 1
@@ -162,7 +162,7 @@ def legs_with_corners(legs: list[Leg], tolerance: float, count: Count) -> list[L
             begin, *_, end = leg.order
             order = (begin + low * (end - begin), begin + high * (end - begin))
             # the chain would drop a shorter piece
-            if (high - low) * lengths[k] > SHORTEST:
+            if (high - low) * lengths[k] > SHORTEST_PIECE:
                 rounded_legs.append(replace(leg, piece=part(leg.piece, low, high), order=order))
         else:
             rounded_legs.append(leg)
@@ -260,5 +260,5 @@ def _distance(points: Floats, piece: Line | Coil) -> Floats:
 def _level(piece: Line | Coil) -> float | None:
     """Height of a piece in a level plane, None of any other."""
     if isinstance(piece, Line):
-        return piece.start[2] if abs(piece.end[2] - piece.start[2]) < _LEVEL else None
+        return piece.start[2] if abs(piece.end[2] - piece.start[2]) < _LEVEL_HEIGHT else None
     return piece.centre[2] if piece.frame == XY else None

@@ -23,7 +23,7 @@ from gantrysim.controllers.drawings.dxf import BINARY, read_dxf
 from gantrysim.controllers.drawings.planning import Paused, planned_progress
 from gantrysim.controllers.drawings.points import read_points, with_row_speeds, with_speeds
 from gantrysim.controllers.drawings.routing import Manner, Route, routed_path
-from gantrysim.controllers.drawings.shapes import FASTEST, Sheet, Stroke, checked_stroke
+from gantrysim.controllers.drawings.shapes import FASTEST_SPEED, Sheet, Stroke, checked_stroke
 from gantrysim.controllers.drawings.svg import read_svg
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.speeds import Stretches
@@ -32,7 +32,7 @@ from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks
 
 Three = tuple[float, float, float]
 
-_FINER = 0.1  # deviation of the requested path from a drawn curve, in units of the chord tolerance
+_PATH_DEVIATION = 0.1  # deviation of the requested path from a drawn curve, in units of the chord tolerance
 _CHOICES = {
     "format": ("auto", "dxf", "svg", "csv"),
     "curve": ("lines", "spline"),
@@ -126,7 +126,7 @@ class Drawing(Controller):
                 raise unknown(name, str(getattr(self, name)), choices)
         millimetres(self.unit)
         for name in ("speed", "travel_speed"):
-            positive(name, getattr(self, name), "mm/s", FASTEST)
+            positive(name, getattr(self, name), "mm/s", FASTEST_SPEED)
         positive("chord_tolerance", self.chord_tolerance, "mm")
         finite("height", self.height, "mm")
         lengths = [(name, "mm") for name in ("lift", "join_tolerance", "corner_tolerance")]
@@ -241,7 +241,7 @@ class Drawing(Controller):
 
     @cached_property
     def _requested_route(self) -> Route:
-        fine = replace(self._manner, chord=_FINER * self.chord_tolerance, corner=0.0)
+        fine = replace(self._manner, chord=_PATH_DEVIATION * self.chord_tolerance, corner=0.0)
         return routed_path(list(self._strokes), fine)
 
     @cached_property

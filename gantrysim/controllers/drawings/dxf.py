@@ -24,7 +24,7 @@ _NAMES = {1: "red", 2: "yellow", 3: "green", 4: "cyan", 5: "blue", 6: "magenta",
 _UNITS = {1: 25.4, 2: 304.8, 3: 1609344.0, 4: 1.0, 5: 10.0, 6: 1e3, 7: 1e6, 8: 25.4e-6, 9: 0.0254, 10: 914.4}
 _UNITS |= {11: 1e-7, 12: 1e-6, 13: 1e-3, 14: 100.0}
 # attributes without which an entity would be drawn with the library's defaults, such as a radius of 1
-_REQUIRED = {
+_REQUIRED_ATTRIBUTES = {
     "LINE": ("start", "end"),
     "CIRCLE": ("center", "radius"),
     "ARC": ("center", "radius", "start_angle", "end_angle"),
@@ -33,7 +33,7 @@ _REQUIRED = {
 }
 _BY_BLOCK = 0
 _BY_LAYER = 256
-_DEEPEST = 32  # nested blocks
+_NESTED_BLOCKS = 32  # nested blocks
 _NAMED = 5  # entities in a remark
 _MOST_ENTITIES = 200_000  # entities, those of blocks counted each time
 _MOST_REPEATED = 10_000  # of these, beyond those that stand in the file
@@ -190,8 +190,8 @@ def _unit(document: Any, unit: float | None, is_stated: bool) -> tuple[float, tu
 
 
 def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int) -> Iterator[Stroke]:
-    if depth > _DEEPEST:
-        raise InputError(f"dxf: blocks nested more than {_DEEPEST} deep: must be at most so")
+    if depth > _NESTED_BLOCKS:
+        raise InputError(f"dxf: blocks nested more than {_NESTED_BLOCKS} deep: must be at most so")
     for entity in entities:
         reading.count += max(entity.mcount, 1) if entity.dxftype() == "INSERT" else 1
         if reading.count > _MOST_ENTITIES:
@@ -220,7 +220,9 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
             names = frozenset({layer.lower()}) | inherited.colours
             name = f"{kind} {entity.dxf.get('handle') or ''}".strip()
             where = f"dxf: {name}"
-            missing = [attribute for attribute in _REQUIRED.get(kind, ()) if not entity.dxf.hasattr(attribute)]
+            missing = [
+                attribute for attribute in _REQUIRED_ATTRIBUTES.get(kind, ()) if not entity.dxf.hasattr(attribute)
+            ]
             if missing:
                 raise InputError(f"{where}: {', '.join(missing)} is missing: must be stated")
             if _has_no_extent(entity):

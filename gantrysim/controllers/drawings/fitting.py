@@ -20,12 +20,12 @@ from gantrysim.paths.pieces import Coil, Line, vector
 MOST_PIECES = 200_000  # of a drawing
 _SAFETY = 0.9  # share of the tolerance at the sampled points
 _SAMPLES = np.linspace(0.0, 1.0, 18)[1:-1]  # of an interval, for its deviation
-_WIDEST = math.radians(50)  # angle between the curve's tangents at an interval's ends and its chord
+_WIDEST_ANGLE = math.radians(50)  # angle between the curve's tangents at an interval's ends and its chord
 _HALVINGS = 40
-_FLATTEST = 1e7  # radius of an arc; more is a line [mm]
-_LEVEL = 1e-9  # height of a level curve [mm]
-_NUDGE = 1e-4  # of an interval, to where the tangent is taken when the derivative vanishes at its end
-_FIRST = 4  # intervals between two knots, at the beginning
+_LARGEST_RADIUS = 1e7  # radius of an arc; more is a line [mm]
+_LEVEL_HEIGHT = 1e-9  # height of a level curve [mm]
+_TANGENT_NUDGE = 1e-4  # of an interval, to where the tangent is taken when the derivative vanishes at its end
+_FIRST_INTERVALS = 4  # intervals between two knots, at the beginning
 
 
 def pieces_of(shape: Shape, tolerance: float) -> list[Line | Coil]:
@@ -42,8 +42,8 @@ def pieces_of(shape: Shape, tolerance: float) -> list[Line | Coil]:
         return [Line(vector(shape.begin), vector(shape.finish))]
     if isinstance(shape, Ellipse) and shape.circular:
         return [_circle(shape)]
-    points = shape.at(_spread(shape.knots, _FIRST))[0]
-    if np.ptp(points[:, 2]) > _LEVEL:
+    points = shape.at(_spread(shape.knots, _FIRST_INTERVALS))[0]
+    if np.ptp(points[:, 2]) > _LEVEL_HEIGHT:
         return _lines(shape, 0.5 * tolerance)
     return _biarcs(shape, tolerance, float(points[0, 2]))
 
@@ -60,7 +60,7 @@ def arc_to(begin: complex, tangent: complex, end: complex, z: float) -> Line | C
     chord = end - begin
     sine = (tangent.conjugate() * chord).imag / abs(chord)
     curvature = 2 * sine / abs(chord)
-    if abs(curvature) * _FLATTEST < 1:
+    if abs(curvature) * _LARGEST_RADIUS < 1:
         return Line((begin.real, begin.imag, z), (end.real, end.imag, z))
     angle = 2 * math.atan2(sine, (tangent.conjugate() * chord).real / abs(chord))
     centre = begin + 1j * tangent / curvature
@@ -104,7 +104,7 @@ def _check_count(count: int) -> None:
 
 
 def _lines(shape: Curve, tolerance: float) -> list[Line | Coil]:
-    edges = _spread(shape.knots, _FIRST)
+    edges = _spread(shape.knots, _FIRST_INTERVALS)
     for _ in range(_HALVINGS):
         _check_count(edges.size)
         low = edges[:-1]
@@ -128,7 +128,7 @@ def _lines(shape: Curve, tolerance: float) -> list[Line | Coil]:
 
 
 def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
-    edges = _spread(shape.knots, _FIRST)
+    edges = _spread(shape.knots, _FIRST_INTERVALS)
     low = edges[:-1]
     high = edges[1:]
     # columns of the intervals whose biarc is within the tolerance
@@ -148,7 +148,7 @@ def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
             angle = np.maximum(np.abs(np.angle(first / chord)), np.abs(np.angle(last / chord)))
             join = middle(begin, first, end, last)
             deviation = _deviation(points, begin, first, join, end, last)
-        fits = is_short | ((angle < _WIDEST) & (deviation < _SAFETY * tolerance))
+        fits = is_short | ((angle < _WIDEST_ANGLE) & (deviation < _SAFETY * tolerance))
         is_straight = is_short
         # as at a cusp, where no interval is short enough
         if halving == _HALVINGS - 1:
@@ -207,7 +207,7 @@ def _tangents(shape: Curve, end: Floats, other: Floats) -> Complexes:
     if weak.any():
         near = end[weak]
         far = other[weak]
-        step = _complex(shape.at(near + _NUDGE * (far - near))[0]) - _complex(shape.at(near)[0])
+        step = _complex(shape.at(near + _TANGENT_NUDGE * (far - near))[0]) - _complex(shape.at(near)[0])
         ascending = (far > near) == (shape.knots[-1] > shape.knots[0])
         slope[weak] = np.where(ascending, step, -step)
     length = np.abs(slope)

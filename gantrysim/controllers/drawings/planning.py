@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats, scaled_rows
-from gantrysim.controllers.drawings.corners import SMOOTH, tangent
+from gantrysim.controllers.drawings.corners import SMOOTH_TURN, tangent
 from gantrysim.controllers.drawings.routing import Route
 from gantrysim.paths.limits import Derivatives, Limited, fastest, nodes, velocity_bound
 from gantrysim.paths.pieces import Coil
@@ -17,8 +17,8 @@ from gantrysim.paths.pieces import Coil
 # Largest angle of an arc between two nodes, within which the acceleration of an axis exceeds its limit by a share of an
 # eighth of the angle's square [rad].
 _TURN = 0.04
-_PARTS = 16  # intervals of a ramp, and of what is between two
-_SHARE = 1e-7  # of a piece, from its ends to its inside
+_RAMP_INTERVALS = 16  # intervals of a ramp, and of what is between two
+_INSIDE_SHARE = 1e-7  # of a piece, from its ends to its inside
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def planned_progress(route: Route, velocity: ArrayLike, acceleration: ArrayLike,
     s, span = nodes(ends, steps)
     piece = owner[span]
     edges = np.append(0.0, chain.ends)
-    inset = _SHARE * np.diff(edges)[piece]
+    inset = _INSIDE_SHARE * np.diff(edges)[piece]
     inside = np.clip(s, edges[piece] + inset, edges[piece + 1] - inset)
     first = chain.tangent(inside)
     second = scaled_rows(chain.normal(inside), chain.curvature(inside) * np.sqrt(1 - chain.climb(inside) ** 2))
@@ -99,7 +99,7 @@ def planned_progress(route: Route, velocity: ArrayLike, acceleration: ArrayLike,
     limited = np.isfinite(np.asarray(acceleration, float))
     if limited.any():
         change = np.abs(np.diff(first, axis=0))[:, limited].max(axis=1)
-        corner = (np.diff(piece) > 0) & (change > SMOOTH)
+        corner = (np.diff(piece) > 0) & (change > SMOOTH_TURN)
         # a corner has two nodes, at the end of one piece and at the begin of the next
         for side in (slice(None, -1), slice(1, None)):
             speed[side][corner] = np.minimum(speed[side][corner], jump / change[corner])
@@ -142,6 +142,6 @@ def _spans(route: Route, acceleration: ArrayLike) -> tuple[Floats, Floats, NDArr
             lengths = [length]
             ends.append(end)
         # rounding must not add an interval
-        steps += [min(part / _PARTS * (1 + 1e-9), largest_step) for part in lengths]
+        steps += [min(part / _RAMP_INTERVALS * (1 + 1e-9), largest_step) for part in lengths]
         owner += [k] * len(lengths)
     return np.array(ends), np.array(steps), np.array(owner)

@@ -19,7 +19,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive, unknown
 from gantrysim.controllers.drawings.shapes import (
-    FASTEST,
+    FASTEST_SPEED,
     LARGEST_COORDINATE,
     Ellipse,
     Segment,
@@ -42,7 +42,7 @@ from gantrysim.tables.units import KINDS, LENGTH, TIME, factor, name_and_unit
 
 COLUMNS = ("x", "y", "z", "glue", "speed")  # of a table without heads
 
-_MISSING = {"z": "0", "z_down": "0", "glue": "1"}  # what cells without a value stand for
+_EMPTY_CELLS = {"z": "0", "z_down": "0", "glue": "1"}  # what cells without a value stand for
 
 DOT = "dot"
 START = "start"
@@ -70,7 +70,7 @@ _ROLES = {
     "kind": ("kind", "type", "pointtype", "command"),
     "time": ("time", "dottime", "dwell", "dispensetime"),
 }
-_PARTS = ("ref", "designator", "refdes", "reference", "part")  # heads of a list of parts, whose places are dots
+_PART_HEADS = ("ref", "designator", "refdes", "reference", "part")  # heads of a list of parts, whose places are dots
 _SWITCH = {"1": True, "true": True, "on": True, "yes": True, "0": False, "false": False, "off": False, "no": False}
 _UNIT_REMARK = re.compile(r"unit\s*[=:]\s*(\w+)", re.IGNORECASE)
 _LONGEST_DOT = 3600.0  # [s]
@@ -176,7 +176,7 @@ class _Layout:
             elif role in ("x", "y", "z", "z_down"):
                 of_head = factor(bare, LENGTH, f"column {role}") if bare else None
                 factors[role] = unit or of_head or general or 1.0
-        parts = any(_plain(name) in _PARTS for name, _ in names) and "kind" not in roles
+        parts = any(_plain(name) in _PART_HEADS for name, _ in names) and "kind" not in roles
         unused = tuple(head for head, role in zip(table.heads, roles, strict=True) if not role)
         return cls(table.dialect, tuple(roles), factors, unused, parts, False)
 
@@ -202,7 +202,7 @@ class _Layout:
         speed = math.nan
         if values.get("speed"):
             speed = self._number(line, "speed", values["speed"])
-            positive(f"line {line}: speed", speed, "mm/s", FASTEST)
+            positive(f"line {line}: speed", speed, "mm/s", FASTEST_SPEED)
         time = math.nan
         if values.get("time"):
             time = self.factors["time"] * self._number(line, "time", values["time"])
@@ -271,7 +271,7 @@ def with_row_speeds(text: str, speeds: Mapping[int, float]) -> str:
         if row.line not in speeds:
             continue
         # cells that are missing at the end, as they are read
-        cells = [*row.cells, *(_MISSING.get(role, "") for role in roles[len(row.cells) : index + 1])]
+        cells = [*row.cells, *(_EMPTY_CELLS.get(role, "") for role in roles[len(row.cells) : index + 1])]
         written = f"{speeds[row.line]:.9g}"
         cells[index] = written.replace(".", ",") if table.dialect.decimal_comma else written
         lines[row.line - 1] = _line(cells, table.dialect)
@@ -321,8 +321,8 @@ def _kind(line: int, cell: str) -> str:
     raise InputError(f"line {line}: {unknown('kind', cell[:_SHOWN], [words[0] for words in _KINDS.values()])}")
 
 
-_SAME = 1e-6  # distance up to which two points are one [mm]
-_STRAIGHT = 1e-9  # sine of the angle at a point of an arc, up to which its three points lie on a line
+_SAME_POINT = 1e-6  # distance up to which two points are one [mm]
+_STRAIGHT_SINE = 1e-9  # sine of the angle at a point of an arc, up to which its three points lie on a line
 
 
 @dataclass
@@ -375,7 +375,7 @@ def read_points(text: str, unit: float | None, curve: str, dots: bool) -> Sheet:
                 continue
             if row.kind in (START, MOVE):
                 collected.close(rows, curve)
-            if row.kind == MOVE or (rows and math.dist(rows[-1].point, row.point) <= _SAME):
+            if row.kind == MOVE or (rows and math.dist(rows[-1].point, row.point) <= _SAME_POINT):
                 continue
             rows.append(row)
             if row.kind == END:
@@ -443,7 +443,7 @@ def _arc(first: Floats, middle: Floats, last: Floats) -> Shape:
     a = middle - first
     b = last - first
     normal = np.cross(a, b)
-    if math.hypot(*normal) <= _STRAIGHT * math.hypot(*a) * math.hypot(*b):
+    if math.hypot(*normal) <= _STRAIGHT_SINE * math.hypot(*a) * math.hypot(*b):
         return Segment(first, last)
     centre = first + np.cross((a @ a) * b - (b @ b) * a, normal) / (2 * (normal @ normal))
     u = first - centre
@@ -462,7 +462,7 @@ def _spline(points: Floats, line: int) -> list[Shape]:
     """
     from scipy.interpolate import CubicSpline  # slow to import
 
-    closed = len(points) > 3 and math.dist(points[0], points[-1]) <= _SAME
+    closed = len(points) > 3 and math.dist(points[0], points[-1]) <= _SAME_POINT
     if closed:
         points = np.concatenate([points[:-1], points[:1]])
     chord = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))

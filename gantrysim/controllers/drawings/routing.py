@@ -17,11 +17,11 @@ from gantrysim.controllers.drawings.shapes import Stroke
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import XY, Coil, Line, vector
 
-_SHORTEST = 1e-6  # length of a piece [mm]
+_SHORTEST_PIECE = 1e-6  # length of a piece [mm]
 _NO_GAP = 1e-9  # [mm]
 _MOST_ORDERED = 20_000  # stretches that are put in the order of their distances
 _APPROACH = 1.0  # way to a first dot [mm]
-_SPAN = 10  # an arc is turned to close a gap of less than this part of its chord
+_CLOSED_SHARE = 10  # an arc is turned to close a gap of less than this part of its chord
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def routed_path(strokes: list[Stroke], manner: Manner) -> Route:
 def _ordered_legs(legs: list[Leg], begin: float, size: float) -> list[Leg]:
     """Return legs with their place in the order of the drawing, from `begin` on, in shares of their lengths."""
     ends = np.cumsum([0.0, *(leg.length for leg in legs)])
-    places = begin + size * ends / max(float(ends[-1]), _SHORTEST)
+    places = begin + size * ends / max(float(ends[-1]), _SHORTEST_PIECE)
     return [replace(leg, order=order) for leg, order in zip(legs, pairwise(places.tolist()), strict=True)]
 
 
@@ -152,7 +152,7 @@ def _beside(dot: Floats, stretches: list[list[Stroke]]) -> tuple[float, float, f
 
     So it is no further out than the drawing.
     """
-    apart = [stretch[0].start - dot for stretch in stretches if math.dist(stretch[0].start, dot) > _SHORTEST]
+    apart = [stretch[0].start - dot for stretch in stretches if math.dist(stretch[0].start, dot) > _SHORTEST_PIECE]
     ahead = apart[0] if apart else np.array([1.0, 0.0, 0.0])
     distance = math.hypot(*ahead)
     return vector(dot + ahead * (min(_APPROACH, 0.5 * distance) / distance))
@@ -265,14 +265,14 @@ def _drawn_legs(stretch: list[Stroke], manner: Manner, begin: float) -> list[Leg
 
 def _smooth(legs: list[Leg], manner: Manner) -> list[Leg]:
     """Return lines along curves in space with their corners rounded, within the other half of the tolerance."""
-    long_enough = [leg for leg in legs if leg.length > _SHORTEST]
+    long_enough = [leg for leg in legs if leg.length > _SHORTEST_PIECE]
     return legs_with_corners(long_enough, 0.5 * manner.chord, Count()) if long_enough else []
 
 
 def _append(legs: list[Leg], new_legs: list[Leg]) -> None:
     """Append legs, each moved to the end of the one before."""
     for leg in new_legs:
-        if leg.length <= _SHORTEST:
+        if leg.length <= _SHORTEST_PIECE:
             continue
         if legs and math.dist(legs[-1].end, leg.start) > _NO_GAP:
             legs.append(_closed_up(legs, leg))
@@ -288,16 +288,16 @@ def _closed_up(legs: list[Leg], leg: Leg) -> Leg:
     before = legs[-1].piece
     if isinstance(piece, Line):
         moved = Line(vector(end), piece.end)
-        if length(moved) > _SHORTEST:
+        if length(moved) > _SHORTEST_PIECE:
             return replace(leg, piece=moved)
-    elif isinstance(before, Line) and math.dist(before.start, start) > _SHORTEST:
+    elif isinstance(before, Line) and math.dist(before.start, start) > _SHORTEST_PIECE:
         legs[-1] = replace(legs[-1], piece=Line(before.start, vector(start)))
         return leg
     else:
         turned = _turned_arc(piece, end)
         if turned is not None:
             return replace(leg, piece=turned)
-    if math.dist(end, start) > _SHORTEST:
+    if math.dist(end, start) > _SHORTEST_PIECE:
         legs.append(replace(leg, piece=Line(vector(end), vector(start)), order=(leg.order[0], leg.order[0])))
     return leg
 
@@ -307,7 +307,7 @@ def _turned_arc(arc: Coil, start: Floats) -> Coil | None:
     first, last = points_at(arc, np.array([0.0, 1.0]))
     chord = complex(*(first - last)[:2])
     new_chord = complex(*(start - last)[:2])
-    if arc.frame != XY or abs(new_chord - chord) * _SPAN > abs(chord) or abs(start[2] - first[2]) > _NO_GAP:
+    if arc.frame != XY or abs(new_chord - chord) * _CLOSED_SHARE > abs(chord) or abs(start[2] - first[2]) > _NO_GAP:
         return None
     change = new_chord / chord
     centre = complex(*last[:2]) + change * complex(*(np.array(arc.centre) - last)[:2])
@@ -324,4 +324,4 @@ def _travel(begin: Floats, end: Floats, lift: float, started: bool) -> list[Line
         above = [np.array([x, y, top]) for x, y, _ in places]
         places = [begin, *above, end] if started else [*above, end]
     lines = [Line(vector(a), vector(b)) for a, b in pairwise(places)]
-    return [line for line in lines if length(line) > _SHORTEST]
+    return [line for line in lines if length(line) > _SHORTEST_PIECE]

@@ -12,7 +12,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 
 LARGEST_COORDINATE = 1e6  # coordinate [mm]
-FASTEST = 1e6  # [mm/s]
+FASTEST_SPEED = 1e6  # [mm/s]
 _CIRCULAR = 1e-9  # relative difference of a circle's half axes, and cosine of the angle between them
 
 

@@ -16,14 +16,14 @@ from gantrysim.base.errors import InputError
 from gantrysim.base.extras import extra
 from gantrysim.controllers.drawings.shapes import Ellipse, Segment, Shape, Sheet, Stroke, bezier, point
 
-_SPACE = "{http://www.w3.org/2000/svg}"
+_NAMESPACE = "{http://www.w3.org/2000/svg}"
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
-_DEEPEST = 100  # nested elements
+_NESTED_ELEMENTS = 100  # nested elements
 _MOST_ELEMENTS = 100_000  # elements, those that are reused counted each time
 _MOST_REUSED = 10_000  # of these, beyond those that stand in the file
 _MOST_NUMBERS = 400_000  # of all paths and points: twice as many as a drawing may have pieces
 _MOST_DIGITS = 100  # of one of them
-_LONGEST = 10_000  # characters of any other attribute that is read
+_ATTRIBUTE_LENGTH = 10_000  # characters of any other attribute that is read
 _ABSOLUTE = re.compile(r"\s*[+]?((?:\d+(?:\.\d*)?|\.\d+)(e[+-]?\d+)?)(?:\s*(px|pt|pc|mm|cm|in))?\s*", re.IGNORECASE)
 _IN_PX = {"px": 1.0, "pt": 96 / 72, "pc": 16.0, "mm": 96 / 25.4, "cm": 960 / 25.4, "in": 96.0}
 _DIGITS = re.compile(r"[0-9.]+")
@@ -31,7 +31,7 @@ _DIGITS = re.compile(r"[0-9.]+")
 _FUNCTION = re.compile(r"([a-z]{1,10})\s*\(([^()]*)\)[\s,]*", re.IGNORECASE)
 _ARGUMENT = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?(?:px|pt|pc|mm|cm|in|deg|grad|rad|turn)?", re.IGNORECASE)
 # numbers that each function of a transform takes
-_TAKEN = {
+_TRANSFORM_NUMBERS = {
     **{name: {1} for name in ("translatex", "translatey", "scalex", "scaley", "skewx", "skewy")},
     **{name: {1, 2} for name in ("translate", "scale", "skew")},
     "rotate": {1, 3},
@@ -58,13 +58,13 @@ def read_svg(text: str, unit: float | None) -> Sheet:
         root = ElementTree.fromstring(text.strip())
     except (ElementTree.ParseError, ValueError) as error:
         raise InputError(f"svg: {error}: must be well-formed XML") from None
-    if root.tag.removeprefix(_SPACE) != "svg":
+    if root.tag.removeprefix(_NAMESPACE) != "svg":
         raise InputError(f"svg: document <{root.tag[:40]}>: must be <svg>")
-    if not root.tag.startswith(_SPACE):
+    if not root.tag.startswith(_NAMESPACE):
         raise InputError('svg: must state its namespace, xmlns="http://www.w3.org/2000/svg"')
     ignored = _check(root)
     _check_lengths(root)
-    for item in root.iter(f"{_SPACE}style"):
+    for item in root.iter(f"{_NAMESPACE}style"):
         item.text = _rules(item.text or "")
     remarks, px = _size(root, unit)
     remarks += _dropped_transforms(root)
@@ -104,8 +104,8 @@ def _check(root: ElementTree.Element) -> dict[str, int]:
     while waiting:
         item, depth = waiting.pop()
         count += 1
-        if depth > _DEEPEST:
-            raise InputError(f"svg: elements nested, or reused, more than {_DEEPEST} deep: must be at most so")
+        if depth > _NESTED_ELEMENTS:
+            raise InputError(f"svg: elements nested, or reused, more than {_NESTED_ELEMENTS} deep: must be at most so")
         if count > _MOST_ELEMENTS:
             raise InputError(f"svg: more than {_MOST_ELEMENTS} elements: must be at most so many")
         if count > written + _MOST_REUSED:
@@ -113,8 +113,8 @@ def _check(root: ElementTree.Element) -> dict[str, int]:
                 f"svg: <use> repeats more than {_MOST_REUSED} elements: must be fewer, or real copies (Inkscape: "
                 "unlink the clones)"
             )
-        kind = str(item.tag).removeprefix(_SPACE)
-        if kind not in _CONTAINERS | _SHAPES and str(item.tag).startswith(_SPACE):
+        kind = str(item.tag).removeprefix(_NAMESPACE)
+        if kind not in _CONTAINERS | _SHAPES and str(item.tag).startswith(_NAMESPACE):
             ignored[f"<{kind}>"] = ignored.get(f"<{kind}>", 0) + 1
             if kind not in {"clipPath", "mask", "marker", "pattern"}:
                 continue
@@ -134,7 +134,7 @@ def _check_lengths(root: ElementTree.Element) -> None:
     """
     numbers = 0
     for item in root.iter():
-        traced = str(item.tag).removeprefix(_SPACE) in _CONTAINERS | _SHAPES
+        traced = str(item.tag).removeprefix(_NAMESPACE) in _CONTAINERS | _SHAPES
         for name, value in list(item.attrib.items()):
             if name in ("d", "points"):
                 item.set(name, " ".join(value.split()))
@@ -144,12 +144,12 @@ def _check_lengths(root: ElementTree.Element) -> None:
                     raise InputError(
                         f"svg: number of {max(runs)} characters in {name}: must have at most {_MOST_DIGITS}"
                     )
-            elif len(value) > _LONGEST and (not traced or name.startswith("{")):
+            elif len(value) > _ATTRIBUTE_LENGTH and (not traced or name.startswith("{")):
                 del item.attrib[name]
-            elif len(value) > _LONGEST:
+            elif len(value) > _ATTRIBUTE_LENGTH:
                 raise InputError(
-                    f"svg: {name[:40]} of {len(value)} characters: must have at most {_LONGEST}, as only d and points "
-                    "may have more"
+                    f"svg: {name[:40]} of {len(value)} characters: must have at most {_ATTRIBUTE_LENGTH}, as only d "
+                    "and points may have more"
                 )
     if numbers > _MOST_NUMBERS:
         raise InputError(
@@ -200,7 +200,7 @@ def _dropped_transforms(root: ElementTree.Element) -> tuple[str, ...]:
         if stated and stated != "none" and not _is_transform(stated):
             del item.attrib["transform"]
             dropped.append(
-                f"<{str(item.tag).removeprefix(_SPACE)}> {item.get('id') or ''}".strip() + f": {stated[:60]}"
+                f"<{str(item.tag).removeprefix(_NAMESPACE)}> {item.get('id') or ''}".strip() + f": {stated[:60]}"
             )
     if not dropped:
         return ()
@@ -212,7 +212,7 @@ def _is_transform(stated: str) -> bool:
     """Return whether a text is a list of functions, each with as many numbers as it takes."""
     for name, numbers in _FUNCTION.findall(stated):
         between = _ARGUMENT.sub("", numbers).replace(",", " ")
-        if between.strip() or len(_ARGUMENT.findall(numbers)) not in _TAKEN.get(name.lower(), set()):
+        if between.strip() or len(_ARGUMENT.findall(numbers)) not in _TRANSFORM_NUMBERS.get(name.lower(), set()):
             return False
     return not _FUNCTION.sub("", stated).strip()
 
@@ -221,8 +221,8 @@ def _hide_symbols(root: ElementTree.Element) -> None:
     """Put symbols into definitions: they are drawn only where they are used."""
     for parent in list(root.iter()):
         for k, child in enumerate(parent):
-            if child.tag == f"{_SPACE}symbol":
-                parent[k] = ElementTree.Element(f"{_SPACE}defs")
+            if child.tag == f"{_NAMESPACE}symbol":
+                parent[k] = ElementTree.Element(f"{_NAMESPACE}defs")
                 parent[k].append(child)
 
 

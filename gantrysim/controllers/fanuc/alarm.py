@@ -34,7 +34,7 @@ TITLES = {
     5124: "CAN NOT COMMAND SPIRAL",
 }
 
-_LONGEST = 200  # characters of a detail
+_DETAIL_LENGTH = 200  # characters of a detail
 
 
 class Alarm(InputError):  # noqa: N818 - the controller's own word
@@ -53,7 +53,7 @@ class Alarm(InputError):  # noqa: N818 - the controller's own word
         self.title = TITLES[number]
         self.block = block
         self.line = line
-        self.detail = detail if len(detail) <= _LONGEST else f"{detail[:_LONGEST]}..."
+        self.detail = detail if len(detail) <= _DETAIL_LENGTH else f"{detail[:_DETAIL_LENGTH]}..."
         where = block if block.startswith("block ") else f"block {block}"
         where += f" (line {line})" if line else ""
         super().__init__(f"alarm {number:03} {self.title} in {where}: {self.detail}")

@@ -18,8 +18,8 @@ from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Frame, Line, Vector, vector
 
 _GAP = 1e-6  # between two ends taken as one [mm]
-_SHARP = math.pi / 2 + 1e-9  # largest outer corner of lines that is not cut off
-_SLIGHT = math.radians(5)  # largest inner corner that a short bridge may cross
+_SHARP_CORNER = math.pi / 2 + 1e-9  # largest outer corner of lines that is not cut off
+_SLIGHT_CORNER = math.radians(5)  # largest inner corner that a short bridge may cross
 
 
 def compensated_legs(legs: list[PathLeg]) -> list[PathLeg]:
@@ -137,10 +137,10 @@ def _joined_legs(before: PathLeg, leg: PathLeg) -> tuple[PathLeg, list[PathLeg]]
     inside = corner * leg.compensation > 0
     same = abs(before.compensation - leg.compensation) <= _GAP
     lines = isinstance(before.piece, Line) and isinstance(leg.piece, Line)
-    if lines and same and (inside or abs(corner) <= _SHARP):
+    if lines and same and (inside or abs(corner) <= _SHARP_CORNER):
         meeting = vector(here + _direction(before, 1) * leg.compensation * -math.tan(0.5 * corner))
         return _cut_leg(before, _start(before), meeting), [_cut_leg(leg, meeting, _end(leg))]
-    if inside and abs(corner) > _SLIGHT:
+    if inside and abs(corner) > _SLIGHT_CORNER:
         raise leg.source.fail(
             41, f"inner corner of {math.degrees(abs(corner)):.4g} deg at an arc: the offset paths do not meet there"
         )

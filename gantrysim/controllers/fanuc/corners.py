@@ -13,7 +13,7 @@ from gantrysim.controllers.fanuc.legs import PathLeg
 from gantrysim.paths.pieces import Coil, Line, Vector
 from gantrysim.paths.plane_moves import PlaneMove, meeting
 
-_STRAIGHT = 1e-6  # corner that is none [rad]
+_STRAIGHT_TURN = 1e-6  # corner that is none [rad]
 
 
 def cornered_legs(legs: list[PathLeg]) -> list[PathLeg]:
@@ -70,7 +70,7 @@ def _cut_legs(before: PathLeg, after: PathLeg) -> list[PathLeg]:
     size = _size(before)
     block = before.source.block
     assert not isinstance(block, Dwell)
-    if abs(bend) < _STRAIGHT:
+    if abs(bend) < _STRAIGHT_TURN:
         return [before, after]
     if block.chamfer:
         if first.centre is not None or second.centre is not None:

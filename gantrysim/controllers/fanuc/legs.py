@@ -21,7 +21,7 @@ Fail = Callable[[int, str], Alarm]  # an alarm's number and detail, to be raised
 _ROUNDING = 1e-9
 _NAMES = "xyz"
 _CENTRE_WORDS = "IJK"
-_SHORTEST = 1e-6  # length of a line; less is rounding of incremental coordinates [mm]
+_SHORTEST_LINE = 1e-6  # length of a line; less is rounding of incremental coordinates [mm]
 
 
 @dataclass(frozen=True)
@@ -296,7 +296,7 @@ def legs_of(
             raise line.fail(11, "a motion at feed must have an F, in its block or before")
         piece = piece_of(block, here, end_tolerance, arc_tolerance, line.fail)
         # a line without a length has no direction: only the rotary axis moves, if it does
-        still = isinstance(piece, Segment) and math.dist(piece.start, piece.end) <= _SHORTEST
+        still = isinstance(piece, Segment) and math.dist(piece.start, piece.end) <= _SHORTEST_LINE
         turned = angle if block.rotary is None else block.rotary
         is_dry = isinstance(block, Rapid) or (isinstance(piece, Segment) and is_upright(piece.start, piece.end))
         dispense = not is_dry if block.dispense is None else block.dispense

@@ -15,7 +15,7 @@ from gantrysim.paths.pieces import Vector
 #
 # A place is mirrored first and turned afterwards.
 
-_EXACT = 15  # decimals of a turn, which make those of quarter turns exact
+_TURN_DECIMALS = 15  # decimals of a turn, which make those of quarter turns exact
 
 
 @dataclass
@@ -42,7 +42,7 @@ class ProgramTurn:
     def turn_by(self, degrees: float, plane: Plane, centre: complex) -> None:
         """Turn the plane about a centre, counter-clockwise."""
         turn = cmath.rect(1.0, math.radians(degrees))
-        self.turn = complex(round(turn.real, _EXACT), round(turn.imag, _EXACT))
+        self.turn = complex(round(turn.real, _TURN_DECIMALS), round(turn.imag, _TURN_DECIMALS))
         self.plane = plane
         self.centre = centre
 

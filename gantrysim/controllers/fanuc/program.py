@@ -100,7 +100,7 @@ _LONGEST_BLEND = 10.0  # [s]
 _ON_THE_PATH = 1e-6  # distance from it that is rounding [mm]
 _FLOW_OUTPUT = re.compile(r"S|#11(?:0\d|1[0-5]|32|33)")
 _WORDS = "ABC"
-_LINEAR = "xyz"
+_LINEAR_AXES = "xyz"
 
 
 @dataclass(frozen=True)
@@ -215,8 +215,8 @@ class Program(Controller):
         whole_number("max_steps", self.max_steps, 1)
         for number, offset in self.offsets.items():
             finite(f"offset {number}", offset, "mm")
-        if self.rotary_axis in _LINEAR:
-            raise InputError(f"rotary_axis = {self.rotary_axis!r}: must not be one of {', '.join(_LINEAR)}")
+        if self.rotary_axis in _LINEAR_AXES:
+            raise InputError(f"rotary_axis = {self.rotary_axis!r}: must not be one of {', '.join(_LINEAR_AXES)}")
         if self.rotary_word not in _WORDS or len(self.rotary_word) != 1:
             raise InputError(f"rotary_word = {self.rotary_word!r}: must be one of {', '.join(_WORDS)}")
         if self.flow_output and not _FLOW_OUTPUT.fullmatch(self.flow_output):

@@ -21,7 +21,7 @@ from gantrysim.controllers.valve import NUMBERED
 SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=COMMENT, key="feed")
 _ENDS_OR_CALLS = frozenset({2.0, 30.0, 98.0, 99.0})  # M codes that no motion waits for
 _OUTPUTS = range(1100, 1116)  # variables of the interface's output signals
-_NUMBERS = (1132, 1133)  # of numbers that it puts out
+_NUMBERED_PARAMETERS = (1132, 1133)  # of numbers that it puts out
 _LENGTHS = set("XYZIJKQR")
 # codes that change what a mirror image or a turn refers to
 _PLAIN_ONLY = {"G17", "G18", "G19", "G28", "G30", "G52", "G54", "G55", "G56", "G57", "G58", "G59", "G92"}
@@ -81,10 +81,10 @@ def read(source: ProgramSource, state: ModalState, flow_output: str = "") -> Pro
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     variable = int(flow_output[1:]) if flow_output.startswith("#") else 0
     blocks: list[SourceBlock] = []
-    outputs: dict[str, set[float]] = {f"#{number}": set() for number in _NUMBERS}
+    outputs: dict[str, set[float]] = {f"#{number}": set() for number in _NUMBERED_PARAMETERS}
     for words in sequence.run():
         motions = _run(state, words, sequence.parameters)
-        for number in _NUMBERS:
+        for number in _NUMBERED_PARAMETERS:
             outputs[f"#{number}"].add(sequence.parameters.numbered(number))
         if not motions and blocks and not _ENDS_OR_CALLS.issuperset(words.auxiliary):
             blocks[-1] = _halted(blocks[-1])

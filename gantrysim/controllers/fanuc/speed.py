@@ -15,7 +15,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
 from gantrysim.controllers.fanuc.legs import PathLeg
 from gantrysim.paths.chain import Chain
-from gantrysim.paths.limits import MARGIN, Derivatives, Limited, fastest, nodes
+from gantrysim.paths.limits import LIMIT_MARGIN, Derivatives, Limited, fastest, nodes
 from gantrysim.paths.pieces import Coil, Line, Vector
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
 
@@ -101,15 +101,15 @@ class Spliced:
         return self._samples(t, "velocity")
 
 
-_STEP = (0.02, 2.0)  # smallest and largest distance of nodes [mm]
+_NODE_DISTANCES = (0.02, 2.0)  # smallest and largest distance of nodes [mm]
 _TURN = 0.05  # largest turn between nodes [rad]
 _TANGENT = 1e-4  # largest corner taken as none [rad]
-_REACH = 1e-3  # of the differences for second derivatives [mm]
+_DIFFERENCE_STEP = 1e-3  # of the differences for second derivatives [mm]
 _CONICAL = 5e-7  # error of a cone's squared speed between two nodes, with F in the plane
 _RAMP = (1.0, 0.25, 0.0625)  # shares of a ramp's length with additional nodes
-_STRAIGHT = 1e-12  # largest second derivative taken as zero [1/mm]
-_APART = 1e-9  # distance of distinct nodes [mm]
-_BRAKING = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
+_STRAIGHT_BEND = 1e-12  # largest second derivative taken as zero [1/mm]
+_DISTINCT_NODES = 1e-9  # distance of distinct nodes [mm]
+_BRAKING_SHARES = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 0.01)  # shares of the acceleration
 PER_MINUTE = 60.0
 
 
@@ -157,12 +157,12 @@ class Planner:
         There is none, except where the motion already brakes as hard as it can: then until a node ahead.
         """
         place = float(profile.position(time))
-        for s in (place, *self._nodes[0][self._nodes[0] > place + _APART]):
+        for s in (place, *self._nodes[0][self._nodes[0] > place + _DISTINCT_NODES]):
             late = 0.0 if s == place else profile.time_at(float(s)) - time
-            if profile.length - s <= _APART:
+            if profile.length - s <= _DISTINCT_NODES:
                 break
             # brake to a lower feed with the largest share that the axes allow along the curve
-            for braking in _BRAKING:
+            for braking in _BRAKING_SHARES:
                 with suppress(InputError):
                     return self._plan(dry, float(s), float(profile.velocity(time + late)), braking), late
         return profile, -time
@@ -177,7 +177,7 @@ class Planner:
         for edge, inward in ((edges[:-1], 1.0), (edges[1:], -1.0)):
             steepest = np.abs(self._chain.tangent(self._within(edge, k))).max(axis=1)
             # v^2 / 2 a, with the acceleration that the axis with the greatest share of the motion leaves
-            ramp = fastest_feed**2 * steepest / (2 * self._limit * (1 - MARGIN))
+            ramp = fastest_feed**2 * steepest / (2 * self._limit * (1 - LIMIT_MARGIN))
             for share in _RAMP:
                 inside = share * ramp < np.diff(edges)
                 all_nodes.append((edge + inward * share * ramp)[inside])
@@ -194,7 +194,7 @@ class Planner:
         """
         s, piece = self._nodes
         if begin > 0:
-            ahead = s > begin + _APART
+            ahead = s > begin + _DISTINCT_NODES
             s = np.concatenate([[begin], s[ahead]])
             piece = np.concatenate([piece[ahead][:1], piece[ahead]])
         rotary = self._rotary(s, piece)
@@ -318,24 +318,24 @@ class Planner:
         """First and second derivatives of x, y and z by the arc length inside each piece, (m, 3)."""
         tangent = self._chain.tangent(self._within(s, piece))
         ends = np.concatenate([[0.0], self._chain.ends])
-        low = np.maximum(s - _REACH, ends[piece] + 1e-9)
-        high = np.minimum(s + _REACH, ends[piece + 1] - 1e-9)
+        low = np.maximum(s - _DIFFERENCE_STEP, ends[piece] + 1e-9)
+        high = np.minimum(s + _DIFFERENCE_STEP, ends[piece + 1] - 1e-9)
         reach = np.maximum(high - low, 1e-12)[:, None]
         second = (self._chain.tangent(high) - self._chain.tangent(low)) / reach
-        return tangent, np.where(np.abs(second) < _STRAIGHT, 0.0, second)
+        return tangent, np.where(np.abs(second) < _STRAIGHT_BEND, 0.0, second)
 
 
 def _step(leg: PathLeg) -> float:
     """Largest distance of the nodes on a motion [mm]."""
     if not isinstance(leg.piece, Coil):
-        return _STEP[1]
+        return _NODE_DISTANCES[1]
     radius = min(leg.piece.radius)
     step = _TURN * radius
     # the second derivative of v^2 = F^2 (1 + k^2 / rho^2) by the arc length is about 6 (F k b)^2 / rho^6
     _, growth, rise = _per_radian(leg.piece)
     if rise * growth != 0:
         step = min(step, radius**3 * math.sqrt(8 * _CONICAL / 6) / abs(rise * growth))
-    return float(np.clip(step, *_STEP))
+    return float(np.clip(step, *_NODE_DISTANCES))
 
 
 def _per_radian(coil: Line | Coil | None) -> tuple[float, float, float]:

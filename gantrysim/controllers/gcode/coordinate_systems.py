@@ -12,7 +12,7 @@ _SYSTEMS = 9
 INCH = 25.4  # [mm]
 
 # first numbers of the numbered parameters that show the frames
-_STORED = {"G28": 5161, "G30": 5181}
+_STORED_POSITIONS = {"G28": 5161, "G30": 5181}
 _SHIFT = 5211
 _SYSTEM = 5220
 _OFFSETS = 5221  # 20 numbers for each system
@@ -194,7 +194,7 @@ class CoordinateSystems:
             return self.suspended_shift[number - _SHIFT] / self.unit
         if number == _TOOL:
             return self.tool / self.unit
-        for name, first in _STORED.items():
+        for name, first in _STORED_POSITIONS.items():
             if first <= number < first + 3:
                 return self.stored.get(name, self.start)[number - first] / self.unit
         return None

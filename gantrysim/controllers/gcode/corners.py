@@ -66,8 +66,8 @@ class Corners(NamedTuple):
 # the radius l / tan(theta / 2) and is l tan(theta / 4) away from the corner.
 
 _SMALLEST_RADIUS = 1e-6  # radius of an arc [mm]
-_SLIGHTEST = 1e-7  # corner that is none [rad]
-SHARPEST = 3.1  # corner that is rounded [rad]
+_SLIGHTEST_TURN = 1e-7  # corner that is none [rad]
+SHARPEST_TURN = 3.1  # corner that is rounded [rad]
 _CHAINED = 100  # lines merged into one: each of them is checked against every longer chord
 
 
@@ -147,7 +147,7 @@ def rounded_track(track: Track, tolerance: Floats, widest: Floats) -> tuple[Roun
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.minimum(0.5 * np.minimum(lengths[:-1], lengths[1:]), tolerance / np.tan(0.25 * angle))
         reach = np.minimum(reach, widest * tangent)
-        rounds = lines[:-1] & lines[1:] & (tolerance > 0) & (angle > _SLIGHTEST) & (angle < SHARPEST)
+        rounds = lines[:-1] & lines[1:] & (tolerance > 0) & (angle > _SLIGHTEST_TURN) & (angle < SHARPEST_TURN)
         rounds &= reach > _SMALLEST_RADIUS * tangent
     reach = np.where(rounds, reach, 0.0)
     k = np.flatnonzero(rounds)

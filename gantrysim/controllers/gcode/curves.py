@@ -9,14 +9,14 @@ from itertools import pairwise
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.move_table import ARC, PLANES, MoveRow, centre_by_radius, swept_angle
-from gantrysim.controllers.gcode.program_state import FARTHEST, OpenCurve, ProgramState, WordBlock
+from gantrysim.controllers.gcode.program_state import FARTHEST_COORDINATE, OpenCurve, ProgramState, WordBlock
 
 _CENTRES = "IJK"
 _LENGTHS = "IJKR"
 _MOST_TURNS = 10_000
 _SMALLEST_RADIUS = 1e-6  # radius [mm]
 _RELATIVE = 1e-3  # difference of an arc's radii, of the radius
-_WORST = 100  # times the tolerance, which the relative one does not excuse
+_ERROR_OVER_TOLERANCE = 100  # times the tolerance, which the relative one does not excuse
 _COARSE_TOLERANCE = 2.54  # times the tolerance, in inches
 
 _CHORD = 1e-3  # largest distance of a chord from its curve [mm]
@@ -64,8 +64,8 @@ def add_arc(state: ProgramState, block: WordBlock, clockwise: bool) -> None:
     if modes.plane and frames.turns[frames.system]:
         raise InputError(f"G{17 + modes.plane} arc under a turned coordinate system: must be in G17")
     feed = state.feed_at(math.hypot(arc.length, end[w] - start[w]))
-    if not max(*map(abs, end), *map(abs, placed)) <= FARTHEST:
-        raise InputError(f"arc to {[round(c, 3) for c in end]} mm: must be within {FARTHEST:g} mm")
+    if not max(*map(abs, end), *map(abs, placed)) <= FARTHEST_COORDINATE:
+        raise InputError(f"arc to {[round(c, 3) for c in end]} mm: must be within {FARTHEST_COORDINATE:g} mm")
     x, y, z = end
     state.add(
         MoveRow(
@@ -130,7 +130,7 @@ def _check_radii(state: ProgramState, radius: float, reached: float, words: tupl
         )
     error = abs(radius - reached)
     tolerance = state.setup.arc_tolerance * (1.0 if state.frames.unit == 1.0 else _COARSE_TOLERANCE)
-    if error > _WORST * tolerance or (error > tolerance and error > _RELATIVE * max(radius, reached)):
+    if error > _ERROR_OVER_TOLERANCE * tolerance or (error > tolerance and error > _RELATIVE * max(radius, reached)):
         raise InputError(
             f"radius = {radius:.6g} mm at the start, {reached:.6g} mm at the end: difference {error:.4g} mm "
             f"must be at most arc_tolerance, {tolerance:g} mm"

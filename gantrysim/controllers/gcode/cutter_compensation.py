@@ -17,7 +17,7 @@ from gantrysim.paths.plane_moves import PlaneMove, meeting
 
 _STRAIGHT_ON = 0.05  # corner that is none, LinuxCNC's [rad]
 _NAMES = "xyz"
-_TURNED = 1e-6  # angle of an arc that is left [rad]
+_ARC_ROUNDING = 1e-6  # angle of an arc that is left [rad]
 
 
 class _Last(NamedTuple):
@@ -219,7 +219,7 @@ def _exceeds(move: PlaneMove, way: float) -> bool:
     """Whether a way from one end of a move goes beyond its other end."""
     if move.centre is None:
         return way > abs(move.end - move.start)
-    return way > abs(move.angle) - _TURNED
+    return way > abs(move.angle) - _ARC_ROUNDING
 
 
 def _swept(start: complex, end: complex, centre: complex, programmed: float) -> PlaneMove:

@@ -15,7 +15,7 @@ ADVANCE_WORDS: dict[Firmware, str] = {
     "reprapfirmware": "M572 D0 S{:g}",
 }
 # what slicers write: a line of their settings, or Cura's header
-_STATED = re.compile(r"^;\s*(?:gcode_flavor\s*=|FLAVOR:)\s*(\w+)", re.IGNORECASE | re.MULTILINE)
+_STATED_FLAVOUR = re.compile(r"^;\s*(?:gcode_flavor\s*=|FLAVOR:)\s*(\w+)", re.IGNORECASE | re.MULTILINE)
 _FILAMENT = re.compile(r"^;\s*filament_diameter\s*[=:]\s*([0-9.]+)", re.IGNORECASE | re.MULTILINE)
 _KLIPPER = re.compile(r"^\s*[A-Z]+(?:_[A-Z0-9]+)+\b", re.IGNORECASE | re.MULTILINE)  # its commands have names
 _REPRAP = re.compile(r"^\s*M(?:566|567|572)\b", re.IGNORECASE | re.MULTILINE)
@@ -48,7 +48,7 @@ SLICER = GCodeDialect(name="slicer", letters="STDHBCUVW", dwell=(("P", 1e-3), ("
 
 def firmware_of(text: str) -> Firmware:
     """Return the firmware that a program states in a comment, or else has words of; Marlin without either."""
-    stated = _STATED.search(text)
+    stated = _STATED_FLAVOUR.search(text)
     if stated:
         name = stated[1].lower()
         if "klipper" in name:

@@ -32,7 +32,7 @@ AdvanceLaw = Literal["tanh", "reciprocal"]
 # exact for cubics, as a quadratic position times a linear weight
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2)
 _ROUNDING = 1e-6  # of a time, in periods
-_REST = 1.0  # before and after the motion, longer than any average [s]
+_REST_TIME = 1.0  # before and after the motion, longer than any average [s]
 
 
 class Sampled(NamedTuple):
@@ -191,7 +191,7 @@ def extrusion_of(plan: PathPlan, law: AdvanceLaw) -> Extrusion:
     step = np.insert(rate * np.diff(s), place, table[dwells.rows, FLOW])
     rows = np.insert(row, place, dwells.rows)
     is_kept = np.concatenate([[True], length > 0, [True]])
-    length = np.concatenate([[_REST], length, [_REST]])[is_kept]
+    length = np.concatenate([[_REST_TIME], length, [_REST_TIME]])[is_kept]
     step = np.pad(step, 1)[is_kept]
     rows = np.pad(rows, 1, "edge")[is_kept]
     plane = np.concatenate([[plan.program.start[:2]], table[:, END : END + 2]])
@@ -201,7 +201,7 @@ def extrusion_of(plan: PathPlan, law: AdvanceLaw) -> Extrusion:
     rests = (~moves & (table[:, FLOW] != 0))[rows]
     rests[[0, -1]] = False
     return Extrusion(
-        time=np.concatenate([[0.0], np.cumsum(length)]) - _REST,
+        time=np.concatenate([[0.0], np.cumsum(length)]) - _REST_TIME,
         begin=np.concatenate([[0.0], np.cumsum(step)[:-1]]),
         speed=np.pad(speed, 1)[is_kept],
         change=np.pad(change, 1)[is_kept],

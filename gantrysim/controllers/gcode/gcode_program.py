@@ -91,9 +91,9 @@ PER_MINUTE = 60.0
 _INCHES = r"G\s*0*20(?![0-9.])"
 _MILLIMETRES = r"G\s*0*21(?![0-9.])"
 _FLOW_OUTPUT = re.compile(r"S|M106|M67 E\d+")
-_SLOWED = 1e-6  # share of the duration by which a cap of speeds is noted
-_CUT = 0.05  # distance of a rounded corner that is noted [mm]
-_UNEVEN = 1.1  # amount of E per length, of the least, from which one section does not describe a bead
+_NOTED_SLOWING = 1e-6  # share of the duration by which a cap of speeds is noted
+_NOTED_CUT = 0.05  # distance of a rounded corner that is noted [mm]
+_UNEVEN_EXTRUSION = 1.1  # amount of E per length, of the least, from which one section does not describe a bead
 
 
 @dataclass(frozen=True)
@@ -429,10 +429,11 @@ class GCode(Controller):
         corners = self.plan.corners
         if corners.stops:
             notes.append(corners.note(self._remedy))
-        if corners.cut > _CUT:
+        if corners.cut > _NOTED_CUT:
             notes.append(
                 f"G64 without P cuts corners by up to {corners.cut:.3g} mm; "
-                f"G64 P{_CUT:g}, or program.corner_tolerance = {_CUT:g}, keeps within {_CUT:g} mm of them."
+                f"G64 P{_NOTED_CUT:g}, or program.corner_tolerance = {_NOTED_CUT:g}, "
+                f"keeps within {_NOTED_CUT:g} mm of them."
             )
         lost = self.program.lost_relative
         if lost:
@@ -450,7 +451,7 @@ class GCode(Controller):
         free = replace(self, axis_speeds=UNLIMITED)
         free.sharing_text_of(self)
         longer = self.duration - free.duration
-        if longer <= _SLOWED * self.duration:
+        if longer <= _NOTED_SLOWING * self.duration:
             return None
         speeds = ", ".join(f"{name} {speed:g}" for name, speed in zip("xyz", self.axis_speeds, strict=True))
         return (
@@ -485,5 +486,9 @@ class GCode(Controller):
         rates = table[laid, FLOW] / length[laid]
         # of the lines themselves: between two of them lies an amount that none has
         low, high = np.percentile(rates, (5, 95), method="nearest") if laid.any() else (0.0, 0.0)
-        judged = " The verdict compares all of them with one section, their median." if high > _UNEVEN * low else ""
+        judged = (
+            " The verdict compares all of them with one section, their median."
+            if high > _UNEVEN_EXTRUSION * low
+            else ""
+        )
         return (f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %).{judged}",)

@@ -23,11 +23,11 @@ from gantrysim.controllers.macro.scanner import (
 
 Words = list[tuple[str, float]]
 
-LONGEST = 1000  # characters of a line, which bounds the time and the depth of its expressions
+LINE_LENGTH = 1000  # characters of a line, which bounds the time and the depth of its expressions
 GRAMMAR = Grammar(OPERATORS, {**FUNCTIONS, "FIX": rounded_down, "FUP": rounded_up})
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _PLAIN_WORD = re.compile(r"([A-Z@^$])([-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))")
-_PLAIN = re.compile(r"(?:[A-Z][-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))+")
+_PLAIN_WORDS = re.compile(r"(?:[A-Z][-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))+")
 # most lines of long programs; M and O may order lines
 _PLAIN_LINE = re.compile(r"(?:[A-LNP-Z][-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[ \t]*)+")
 _LABEL = re.compile(r"O(<[^<>]*>|[0-9]+)")
@@ -93,8 +93,8 @@ class ParsedLine:
 
 def compact(line: str) -> str:
     """Return a line in capitals, without comments, spaces and control characters."""
-    if len(line) > LONGEST:
-        raise InputError(f"line of {len(line)} characters: must be at most {LONGEST}")
+    if len(line) > LINE_LENGTH:
+        raise InputError(f"line of {len(line)} characters: must be at most {LINE_LENGTH}")
     if "(" in line or ";" in line:
         line = _COMMENT.sub("", line)
         if "(" in line or ")" in line:
@@ -115,8 +115,8 @@ def read_firmware(line: str) -> str | FirmwareCommand:
     parentheses or follow a semicolon; one that is not closed ends with its line.
     """
     text = _COMMENT.sub("", line).strip().upper()
-    if len(text) > LONGEST:
-        raise InputError(f"line of {len(text)} characters: must be at most {LONGEST}")
+    if len(text) > LINE_LENGTH:
+        raise InputError(f"line of {len(text)} characters: must be at most {LINE_LENGTH}")
     command = sender_command(text)
     if command is not None:
         return command
@@ -126,7 +126,7 @@ def read_firmware(line: str) -> str | FirmwareCommand:
     if "(" in text or ")" in text:
         text = text.split("(", 1)[0].replace(")", "")
     plain = "".join(text.split("*", 1)[0].split())
-    if _PLAIN.fullmatch(plain):
+    if _PLAIN_WORDS.fullmatch(plain):
         return plain
     message = _MESSAGE.match(plain)
     if message:
@@ -139,14 +139,14 @@ def plain_line(line: str) -> Words | None:
 
     They are those that `plain_words` finds after `compact` or `read_firmware`.
     """
-    if len(line) > LONGEST or not _PLAIN_LINE.fullmatch(line):
+    if len(line) > LINE_LENGTH or not _PLAIN_LINE.fullmatch(line):
         return None
     return [(letter, float(number)) for letter, number in _PLAIN_WORD.findall(line)]
 
 
 def plain_words(text: str) -> Words | None:
     """Return the words of a compact line of letters and numbers; None for any other line."""
-    if not _PLAIN.fullmatch(text):
+    if not _PLAIN_WORDS.fullmatch(text):
         return None
     return [(letter, float(number)) for letter, number in _PLAIN_WORD.findall(text)]
 

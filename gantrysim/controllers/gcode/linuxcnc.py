@@ -19,7 +19,7 @@ from gantrysim.controllers.valve import SAME_PLACE
 # What grbl, whose programs are read as LinuxCNC's, refuses of them.
 
 # grbl 1.1, gcode.c: differences of the radii at an arc's ends
-_ACCEPTED = 0.005  # [mm]
+_GRBL_TOLERANCE = 0.005  # [mm]
 _MOST_TOLERANCE = 0.5  # [mm]
 _RELATIVE = 1e-3  # of the radius at the start
 _MOST_LINES = 3  # that a note names
@@ -41,7 +41,7 @@ def refused_by_grbl(program: Interpreted) -> tuple[str, ...]:
     end = np.take_along_axis(places[rows + 1], axes, axis=1)
     radius = np.hypot(*(start - centre).T)
     off = np.abs(np.hypot(*(end - centre).T) - radius)
-    refused = (off > _MOST_TOLERANCE) | ((off > _ACCEPTED) & (off > _RELATIVE * radius))
+    refused = (off > _MOST_TOLERANCE) | ((off > _GRBL_TOLERANCE) & (off > _RELATIVE * radius))
     if not refused.any():
         return ()
     worst = int(np.where(refused, off, 0.0).argmax())
@@ -50,8 +50,8 @@ def refused_by_grbl(program: Interpreted) -> tuple[str, ...]:
     them = "it" if is_one else "them"
     return (
         f"{ends} by {off[worst]:.3g} mm in line {table[rows[worst], SOURCE]:.0f}: "
-        f"run as LinuxCNC runs {them}, but grbl refuses more than {_ACCEPTED:g} mm and {100 * _RELATIVE:g} % of the "
-        "radius.",
+        f"run as LinuxCNC runs {them}, but grbl refuses more than {_GRBL_TOLERANCE:g} mm and {100 * _RELATIVE:g} % of "
+        "the radius.",
     )
 
 

@@ -85,7 +85,7 @@ ADVANCE = MoveRow._fields.index("advance")
 ANALOGUE = MoveRow._fields.index("analogue")
 WIDTH = len(MoveRow._fields)
 _MOST_MOVES = 5_000_000  # moves, of 144 bytes each
-_SAME = 1e-9  # relative to 1 rad
+_SAME_ANGLE = 1e-9  # relative to 1 rad
 _E_ROUNDING = 1e-6  # of sums of E [mm]
 
 
@@ -175,7 +175,7 @@ def swept_angle(begin: complex, end: complex, clockwise: bool, turns: int) -> fl
     """Return the signed angle from one direction to another, a full turn if they are equal, plus more turns [rad]."""
     full = 2 * math.pi
     angle = (math.atan2(end.imag, end.real) - math.atan2(begin.imag, begin.real)) * (-1 if clockwise else 1) % full
-    if angle < _SAME or full - angle < _SAME:
+    if angle < _SAME_ANGLE or full - angle < _SAME_ANGLE:
         angle = full
     angle += full * (turns - 1)
     return -angle if clockwise else angle

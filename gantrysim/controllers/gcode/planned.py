@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.corners import SHARPEST, Corners, Rounded, merged_points, rounded_track
+from gantrysim.controllers.gcode.corners import SHARPEST_TURN, Corners, Rounded, merged_points, rounded_track
 from gantrysim.controllers.gcode.interpret import Interpreted
 from gantrysim.controllers.gcode.motion_limits import (
     ALONG,
@@ -44,7 +44,7 @@ from gantrysim.controllers.placement import Placement
 from gantrysim.paths.limits import Limited
 from gantrysim.paths.track import Track
 
-_SHORTEST = 1e-6  # length of a move that is kept; less is rounding of coordinates [mm]
+_SHORTEST_MOVE = 1e-6  # length of a move that is kept; less is rounding of coordinates [mm]
 _STOP = 0.1  # share of the feed below which a corner is a stop
 
 
@@ -162,7 +162,7 @@ def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, 
     points[1:] = table[:, END : END + 3]
     arc = table[:, KIND] == ARC
     # the scale of the placement may make a long move of a short one
-    moved = np.abs(np.diff(points, axis=0)).max(axis=1, initial=0.0) > _SHORTEST / min(placement.scale, 1.0)
+    moved = np.abs(np.diff(points, axis=0)).max(axis=1, initial=0.0) > _SHORTEST_MOVE / min(placement.scale, 1.0)
     moving = np.flatnonzero((table[:, KIND] != DWELL) & (arc | moved))
     if not moving.size:
         raise InputError(f"program: moves none of x, y, z; {program.without_moves}")
@@ -266,7 +266,7 @@ def _rounded_corners(
     sizes = lengths[:-1][stopped]
     small = float(np.median(sizes)) if sizes.size else 0.0
     cut = float(distance[np.isinf(mode)].max(initial=0.0))
-    bends = stopped & (angle < SHARPEST)
+    bends = stopped & (angle < SHARPEST_TURN)
     roundable = bends & ~by_firmware & ~base.track.coil[:-1] & ~base.track.coil[1:]
     corners = Corners(
         stops=int(stopped.sum()),

@@ -132,7 +132,7 @@ class OpenCurve:
         self.weights.append(weight)
 
 
-FARTHEST = 1e7  # of a coordinate [mm]
+FARTHEST_COORDINATE = 1e7  # of a coordinate [mm]
 UNSTATED_FEED = 1500.0  # of printers' firmware before the first F, Klipper's [mm/min]
 _STANDSTILL = 1e-6  # of a move of E alone, whose axes' words are where they are [mm]
 _LOWEST_FEED = 1e-9  # by inverse time, of a move without length [mm/s]
@@ -412,8 +412,8 @@ class ProgramState:
             # no axis moves: E does, at the feed
             self.feed_material(fed, feed)
             return
-        if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST):
-            raise InputError(f"end at {[round(v, 3) for v in end]} mm: must be within {FARTHEST:g} mm")
+        if not (abs(x) <= FARTHEST_COORDINATE and abs(y) <= FARTHEST_COORDINATE and abs(z) <= FARTHEST_COORDINATE):
+            raise InputError(f"end at {[round(v, 3) for v in end]} mm: must be within {FARTHEST_COORDINATE:g} mm")
         modes = self.modes
         limits = self.limits.index(fed > 0)
         outputs = self.outputs.index

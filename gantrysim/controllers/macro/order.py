@@ -14,7 +14,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.macro.variables import LocalParameters, Parameters
 
 END = -1  # the place that follows the last line that runs
-_DEEPEST = 10  # calls
+_NESTED_CALLS = 10  # calls
 MOST_TIME = 5.0  # of the processor, for lines that run without anything for the machine [s]
 _LOOKS = 1000  # steps after which the clock is read
 Line = TypeVar("Line")  # what a line holds for the machine, as its words
@@ -172,8 +172,8 @@ class Flow(ABC, Generic[Line]):
 
     def check_depth(self) -> None:
         """Raise InputError where no further call is allowed."""
-        if self.depth >= _DEEPEST:
-            raise self.refusal(FlowRefusal.DEPTH, f"calls nested deeper than {_DEEPEST} levels")
+        if self.depth >= _NESTED_CALLS:
+            raise self.refusal(FlowRefusal.DEPTH, f"calls nested deeper than {_NESTED_CALLS} levels")
 
     def enter(self, start: int, times: int = 1) -> int:
         """Call a subprogram that begins at a place; return that place. The caller's parameters stay in force."""

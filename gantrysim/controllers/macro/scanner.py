@@ -19,7 +19,7 @@ from gantrysim.base.errors import InputError
 Function = Callable[[float], float]
 
 SHORT_WORD = 2  # letters of a word that stand for it, in a dialect that shortens words
-_SAME = 1e-6  # difference of numbers that compare as equal
+_EQUAL_NUMBERS = 1e-6  # difference of numbers that compare as equal
 
 
 class BinaryOperator(NamedTuple):
@@ -60,8 +60,8 @@ OPERATORS: dict[str, BinaryOperator] = {
     "MOD": BinaryOperator(4, _modulo),
     "+": BinaryOperator(3, operator.add),
     "-": BinaryOperator(3, operator.sub),
-    "EQ": BinaryOperator(2, lambda a, b: float(abs(a - b) < _SAME)),
-    "NE": BinaryOperator(2, lambda a, b: float(abs(a - b) >= _SAME)),
+    "EQ": BinaryOperator(2, lambda a, b: float(abs(a - b) < _EQUAL_NUMBERS)),
+    "NE": BinaryOperator(2, lambda a, b: float(abs(a - b) >= _EQUAL_NUMBERS)),
     "GT": BinaryOperator(2, lambda a, b: float(a > b)),
     "GE": BinaryOperator(2, lambda a, b: float(a >= b)),
     "LT": BinaryOperator(2, lambda a, b: float(a < b)),
@@ -194,7 +194,7 @@ Value = Callable[[Store], float]
 Target = Value | str  # a parameter: its number or its name
 
 # Both limits keep Python's stack from overflowing: a level of brackets, and an operator, are a call each.
-_DEEPEST = 60  # nesting of brackets
+_NESTED_BRACKETS = 60  # nesting of brackets
 _MOST_OPERATORS = 200  # operators in a line
 _NUMBER = re.compile(r"[0-9]+\.?[0-9]*|\.[0-9]+")
 _NAME = re.compile(r"<([^<>]*)>")
@@ -342,8 +342,8 @@ class Scanner:
 
     def _enter(self) -> None:
         self._depth += 1
-        if self._depth > _DEEPEST:
-            raise InputError(f"expression nested deeper than {_DEEPEST} levels")
+        if self._depth > _NESTED_BRACKETS:
+            raise InputError(f"expression nested deeper than {_NESTED_BRACKETS} levels")
 
 
 def _constant(digits: str) -> Value:

@@ -10,7 +10,7 @@ from gantrysim.controllers.softmc.group import Nodal
 Coordinates = tuple[float, ...]  # x, y[, z[, r]]; omitted ones stay
 
 PLANES = ("XY", "XZ", "YZ")
-_FARTHEST = 1e6  # coordinate [mm or deg]
+_FARTHEST_COORDINATE = 1e6  # coordinate [mm or deg]
 
 
 class SoftMCError(InputError):
@@ -82,4 +82,6 @@ def _coordinates(name: str, values: Coordinates | None) -> Coordinates | None:
         return None
     if isinstance(values, str) or not hasattr(values, "__iter__"):
         raise SoftMCError(f"{name} = {values!r}: must be coordinates [mm]")
-    return tuple(between(f"coordinate of {name}", value, -_FARTHEST, _FARTHEST) for value in values)
+    return tuple(
+        between(f"coordinate of {name}", value, -_FARTHEST_COORDINATE, _FARTHEST_COORDINATE) for value in values
+    )

@@ -45,7 +45,7 @@ _CIRCLE = {
     "TargetPoint": "target",
 }
 _WORDS = {"Circle": {**_CIRCLE, **_NODAL}, "Move": _NODAL}
-_POINTS = ("CircleCenter", "CirclePoint", "TargetPoint")
+_POINT_KEYWORDS = ("CircleCenter", "CirclePoint", "TargetPoint")
 _SWITCHES = ("Abs", "Dispense")
 
 
@@ -136,7 +136,7 @@ def _known_word(kind: str, name: str, words: dict[str, Any]) -> str:
 
 
 def _value(word: str, kind: str, text: str) -> Any:
-    if (kind == "point") != (word in _POINTS):
+    if (kind == "point") != (word in _POINT_KEYWORDS):
         raise SoftMCError(f"{word} = {text}: must be {_example(word)}")
     if kind == "point":
         return _point(word, text)
@@ -165,7 +165,7 @@ def _number(name: str, text: str) -> float:
 
 
 def _example(word: str) -> str:
-    if word in _POINTS:
+    if word in _POINT_KEYWORDS:
         return "a point in braces, as in {0, 0, 5}"
     return "0 or 1" if word in _SWITCHES else "a number"
 

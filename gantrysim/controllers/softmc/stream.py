@@ -17,7 +17,7 @@ from gantrysim.controllers.softmc.commands import PLANES, Circle, Command, Coord
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.valve import is_upright
 from gantrysim.paths.chain import Chain
-from gantrysim.paths.pieces import SHORTEST, XY, XZ, YZ, Coil, Frame, Line, length_of, vector
+from gantrysim.paths.pieces import SHORTEST_PIECE, XY, XZ, YZ, Coil, Frame, Line, length_of, vector
 from gantrysim.paths.profile import Profile
 from gantrysim.record.setpoints import MAX_TICKS, ticks
 
@@ -26,7 +26,7 @@ from gantrysim.record.setpoints import MAX_TICKS, ticks
 AXES = "xyzr"
 
 _SAME_POINT = 1e-6  # [mm], between points taken as one
-_STRAIGHT = 1e-6  # sine of an angle of three points taken as collinear
+_STRAIGHT_SINE = 1e-6  # sine of an angle of three points taken as collinear
 _UPRIGHT = 1e-12  # x and y of a normal taken as the z axis
 
 _FRAMES = (XY, XZ, YZ)
@@ -149,7 +149,7 @@ def _through(here: Floats, via: Floats, end: Floats) -> Segment:
         raise SoftMCError(f"{three} coincide: must be distinct; use Angle and CircleCenter for a full circle")
     n = np.cross(a, b)
     size = float(np.linalg.norm(n))
-    if size <= _STRAIGHT * sides[0] * sides[2]:
+    if size <= _STRAIGHT_SINE * sides[0] * sides[2]:
         raise SoftMCError(f"{three} are collinear: must not be; use Move for a straight line")
     # from the centre to the start
     out = -np.cross((a @ a) * b - (b @ b) * a, n) / (2 * size**2)
@@ -274,8 +274,8 @@ def leg_of(
     if path.piece is None:
         return Leg(here, path, group.in_place(rotation), dispense, line)
     length = length_of(path.piece)
-    if length <= SHORTEST:
-        raise InputError(f"path of {length:g} mm: must be longer than {SHORTEST:g} mm")
+    if length <= SHORTEST_PIECE:
+        raise InputError(f"path of {length:g} mm: must be longer than {SHORTEST_PIECE:g} mm")
     profile = group.along(length, rotation)
     if isinstance(path.piece, Line) and is_upright(path.piece.start, path.piece.end):
         dispense = False

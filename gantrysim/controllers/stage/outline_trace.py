@@ -52,7 +52,7 @@ def travel(name: str, values: Place) -> Place:
 # The outline of a work piece: a polygon with rounded corners.
 
 _ROUNDING = 1e-9  # [mm]
-_STRAIGHT = 1e-6  # [rad]
+_STRAIGHT_TURN = 1e-6  # [rad]
 
 
 def polygon(corners: Sequence[Sequence[float]]) -> Floats:
@@ -112,10 +112,10 @@ def outline(z: Floats, radius: float) -> tuple[ArcChain, float]:
     edges = np.roll(z, -1) - z
     turn = np.angle(np.roll(edges, -1) / edges)  # at the end of each edge
     # an arc that turns by half a turn would need infinite room on its edges
-    back = np.flatnonzero(np.abs(turn) > math.pi - _STRAIGHT)
+    back = np.flatnonzero(np.abs(turn) > math.pi - _STRAIGHT_TURN)
     if back.size:
         raise InputError(f"outline: doubles back at corner {(back[0] + 1) % z.size + 1}")
-    if abs(abs(turn.sum()) - 2 * math.pi) > _STRAIGHT:
+    if abs(abs(turn.sum()) - 2 * math.pi) > _STRAIGHT_TURN:
         raise InputError(f"outline: turns by {math.degrees(turn.sum()):.0f} deg in total: must not cross itself")
     # of an edge at its end, from the corner to where the arc begins
     cut = radius * np.tan(0.5 * np.abs(turn))
@@ -133,13 +133,13 @@ def outline(z: Floats, radius: float) -> tuple[ArcChain, float]:
     return path, -math.copysign(1.0, _area(z))
 
 
-_ANYWHERE = (-math.inf, math.inf)
-_STEP = 0.05  # distance of the nodes for the axes' limits [mm]
-_NUDGE = 1e-9  # from a piece's ends to its inside [mm]
+_NO_TRAVEL_LIMIT = (-math.inf, math.inf)
+_NODE_DISTANCE = 0.05  # distance of the nodes for the axes' limits [mm]
+_END_NUDGE = 1e-9  # from a piece's ends to its inside [mm]
 _ZOOMS = 4  # each by 50
 _SAMPLES = 101  # of a piece, for an axis' extreme
 _MOST_PIECES = 10_000  # linear moves of a corner
-_JUMP = 1e-5  # largest jump of an axis' derivative taken as none
+_CONTINUOUS_DERIVATIVE = 1e-5  # largest jump of an axis' derivative taken as none
 
 
 @dataclass(frozen=True)
@@ -199,8 +199,8 @@ class OutlineTrace(Controller):
     sigma: int = -1
     velocity: Three = FREE
     acceleration: Three = FREE
-    travel_x: Place = _ANYWHERE
-    travel_y: Place = _ANYWHERE
+    travel_x: Place = _NO_TRAVEL_LIMIT
+    travel_y: Place = _NO_TRAVEL_LIMIT
     blend: float = 0.0
     corner_pieces: int = 0
 
@@ -260,7 +260,7 @@ class OutlineTrace(Controller):
         """Angle of the table along the outline [rad]."""
         path, outward = self._outline
         ends = np.concatenate([[0.0], path.ends])
-        distinct = np.concatenate([[True], np.diff(ends) > _NUDGE])
+        distinct = np.concatenate([[True], np.diff(ends) > _END_NUDGE])
         heading = path.heading(ends)
         first = math.atan2(self.normal[1], self.normal[0]) - (heading[0] + 0.5 * math.pi * outward)
         turned = math.remainder(first, 2 * math.pi) - (heading - heading[0])
@@ -299,13 +299,13 @@ class OutlineTrace(Controller):
         breaks = self._knots if self.corner_pieces else np.concatenate([self.turning.s, self.turning.breaks])
         breaks = np.unique(np.clip(breaks, 0.0, self.requested.length))
         # pieces must be longer than the nudges from their ends to their insides
-        breaks = breaks[np.diff(breaks, prepend=-1.0) > 2 * _NUDGE]
+        breaks = breaks[np.diff(breaks, prepend=-1.0) > 2 * _END_NUDGE]
         ends = np.append(breaks[1:-1], self.requested.length)
-        s, piece = nodes(ends, _STEP)
+        s, piece = nodes(ends, _NODE_DISTANCE)
         first, second = self._derivatives(s, piece, np.concatenate([[0.0], ends]))
         speed = np.minimum(self.speed, velocity_bound(s, first, self.velocity))
         if any(math.isfinite(limit) for limit in self.acceleration):
-            jump = (np.diff(s) == 0) & (np.abs(np.diff(first, axis=0)).max(axis=1) > _JUMP)
+            jump = (np.diff(s) == 0) & (np.abs(np.diff(first, axis=0)).max(axis=1) > _CONTINUOUS_DERIVATIVE)
             # a jump of an axis' velocity needs an infinite acceleration: the stage stops there
             speed[:-1][jump] = 0.0
             speed[1:][jump] = 0.0
@@ -316,7 +316,7 @@ class OutlineTrace(Controller):
         if self.corner_pieces:
             slope = np.diff(self._exact(edges), axis=0) / np.diff(edges)[:, None]
             return [slope[piece], np.zeros((s.size, 3))]
-        inside = np.clip(s, edges[piece] + _NUDGE, edges[piece + 1] - _NUDGE)
+        inside = np.clip(s, edges[piece] + _END_NUDGE, edges[piece + 1] - _END_NUDGE)
         # at the ends of a piece the derivatives jump: those of its inside count
         theta = self.turning.value(inside)
         rate = self.turning.rate(inside)
@@ -380,7 +380,7 @@ class OutlineTrace(Controller):
                         continue
                     extreme = self._extreme(column, side, begin, end)
                     th, *stage = self.coordinates(extreme)[0]
-                    if side * (stage[column - 1] - limit) > _NUDGE:
+                    if side * (stage[column - 1] - limit) > _END_NUDGE:
                         x, y = self.needle
                         raise InputError(
                             f"outline piece {piece + 1} of {edges.size - 1}, at {extreme:.4g} mm: "

@@ -93,7 +93,7 @@ def for_late_axes(*, has_ramps: bool, rounds_waits: bool, speed_in_space: bool) 
 # one path for all jobs of a search that differ elsewhere, as it holds the tables by which feet are found
 _involute = lru_cache(maxsize=8, typed=True)(Involute)
 _ROUNDING = 1e-12
-_PARTS = 16  # of a turn, at whose ends the speed is given where it is set by place
+_TURN_PARTS = 16  # of a turn, at whose ends the speed is given where it is set by place
 
 
 @dataclass(frozen=True)
@@ -387,10 +387,10 @@ class MoveSpiral(Controller):
                 "without as_published"
             )
         turns, speeds = np.array(self._all_speeds).T
-        nodes = np.arange(_PARTS * self.turns + 1)
+        nodes = np.arange(_TURN_PARTS * self.turns + 1)
         # a stretch is the way to which a node is nearest
-        ends = self._progress(2 * math.pi * np.minimum(nodes + 0.5, nodes[-1]) / _PARTS)
-        return Stretches(ends, nodes + 1, np.interp(nodes / _PARTS, turns, speeds))
+        ends = self._progress(2 * math.pi * np.minimum(nodes + 0.5, nodes[-1]) / _TURN_PARTS)
+        return Stretches(ends, nodes + 1, np.interp(nodes / _TURN_PARTS, turns, speeds))
 
     def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
         """As `Controller.with_stretch_speeds`."""
@@ -398,7 +398,7 @@ class MoveSpiral(Controller):
         # what lies on the line between its neighbours, as where the speed stays, follows from them
         last = len(nodes) - 1
         needed = [k for k in range(1, last + 1) if nodes[k] != nodes[k - 1] or (k < last and nodes[k] != nodes[k + 1])]
-        return {"speed": nodes[0], "speeds": [[k / _PARTS, nodes[k]] for k in needed]}
+        return {"speed": nodes[0], "speeds": [[k / _TURN_PARTS, nodes[k]] for k in needed]}
 
     @property
     def program_text(self) -> str:

@@ -18,8 +18,8 @@ from gantrysim.machine.axis import PER_SI
 from gantrysim.servo.request import MAX_FEEDBACK_DELAY
 from gantrysim.servo.servo import Servo
 
-_STEP = np.uint64(0x9E3779B97F4A7C15)
-_FIRST = np.uint64(0xBF58476D1CE4E5B9)
+_SEED_STEP = np.uint64(0x9E3779B97F4A7C15)
+_FIRST_MULTIPLIER = np.uint64(0xBF58476D1CE4E5B9)
 _SECOND = np.uint64(0x94D049BB133111EB)
 _UNIT = 2.0**-53
 
@@ -89,8 +89,8 @@ def _delay(row, tape, axis, drive):
 @jit
 def normal(seed, tick):
     """Return a number of the standard normal distribution, by Box and Muller, that depends on seed and tick alone."""
-    first = _mixed_bits(seed + np.uint64(2 * tick) * _STEP)
-    second = _mixed_bits(seed + np.uint64(2 * tick + 1) * _STEP)
+    first = _mixed_bits(seed + np.uint64(2 * tick) * _SEED_STEP)
+    second = _mixed_bits(seed + np.uint64(2 * tick + 1) * _SEED_STEP)
     radius = np.sqrt(-2.0 * np.log((np.float64(first >> np.uint64(11)) + 0.5) * _UNIT))
     return radius * np.cos(2.0 * np.pi * np.float64(second >> np.uint64(11)) * _UNIT)
 
@@ -98,7 +98,7 @@ def normal(seed, tick):
 @jit
 def _mixed_bits(number):
     """Return 64 bits that look random (the finaliser of SplitMix64, Steele, Lea and Flood 2014)."""
-    number = (number ^ (number >> np.uint64(30))) * _FIRST
+    number = (number ^ (number >> np.uint64(30))) * _FIRST_MULTIPLIER
     number = (number ^ (number >> np.uint64(27))) * _SECOND
     return number ^ (number >> np.uint64(31))
 

@@ -32,7 +32,7 @@ from gantrysim.machine.quiet import silence
 from gantrysim.machine.row import ROW, ROW_NUMBERS, WARNINGS
 from gantrysim.servo.laws.user import PlainLaw, Tick
 
-_WHOLE = types.int32
+_INTEGER = types.int32
 
 _FIELDS = tuple(offsets())
 Offsets: Any = namedtuple("Offsets", _FIELDS)  # type: ignore[misc]
@@ -139,7 +139,7 @@ def _array(data, offset):
 @jit
 def _has_warned(address):
     """Return whether MuJoCo has warned of anything."""
-    statistics = numba.carray(pointer(address, _WHOLE), (2 * WARNINGS,))
+    statistics = numba.carray(pointer(address, _INTEGER), (2 * WARNINGS,))
     # loops, here and below, as numba takes seconds to compile NumPy's reductions and assignments to slices
     for warning in range(WARNINGS):  # noqa: SIM110 - numba knows no generators
         if statistics[(warning * WARNING_SIZE + WARNING_NUMBER) // 4] > 0:

@@ -33,8 +33,8 @@ from gantrysim.servo.laws.user import STATE, UserLaw, UserTick
 _LAW = numba.from_dtype(LAW)
 _FLOAT = types.float64
 _FAULT = numba.from_dtype(FAULT)
-_CALLED = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
-_GIVEN = UserTick._fields[3:]
+_OBSERVER = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
+_GIVEN_FIELDS = UserTick._fields[3:]
 
 
 @cache
@@ -171,7 +171,7 @@ class CalledLaw:
         self.raised: list[BaseException] = []
         self._law = law
         self.state = state
-        self._kept: Any = _compiled_law(law).ctypes if hasattr(law, "py_func") else _CALLED(self.call)
+        self._kept: Any = _compiled_law(law).ctypes if hasattr(law, "py_func") else _OBSERVER(self.call)
         self.address = ctypes.cast(self._kept, ctypes.c_void_p).value or 0
 
     def call(self, address: int, _state: int) -> None:
@@ -186,7 +186,7 @@ class CalledLaw:
             row = np.ndarray(1, ROW, memoryview((ctypes.c_char * ROW.itemsize).from_address(address)))[0]
             n = int(row["axes"])
             period = float(row["period"])
-            given = [row[name][:n] for name in _GIVEN]
+            given = [row[name][:n] for name in _GIVEN_FIELDS]
             self._law(UserTick(n, float(row["tick"]) * period, period, *given), self.state, row["torque"][:n])
         except BaseException as error:  # must not unwind through C frames
             # the torque remains no number, which ends the run

@@ -88,8 +88,8 @@ STATE = np.dtype(
     ]
 )
 
-_LEAST = 1e-15  # speed and time constant below which MuJoCo divides by this
-_LARGEST = 1e10  # of what MuJoCo takes for a valid position, speed and acceleration
+_LEAST_DIVISOR = 1e-15  # speed and time constant below which MuJoCo divides by this
+_LARGEST_VALUE = 1e10  # of what MuJoCo takes for a valid position, speed and acceleration
 
 
 @jit
@@ -124,12 +124,14 @@ def drive_motor(plant, state, a, control):
         force += plant.cogging[a] * np.sin(plant.teeth[a] * gear * state.place[dof] + plant.phase[a])
     if plant.stiffness[a] > 0.0:
         bristle = state.bristle[a]
-        ratio = speed / max(plant.stribeck[a], _LEAST)
+        ratio = speed / max(plant.stribeck[a], _LEAST_DIVISOR)
         level = plant.coulomb[a] + (plant.static[a] - plant.coulomb[a]) * np.exp(-ratio * ratio)
-        rate = -plant.stiffness[a] * abs(speed) / max(level, _LEAST)
+        rate = -plant.stiffness[a] * abs(speed) / max(level, _LEAST_DIVISOR)
         force -= plant.stiffness[a] * bristle + plant.damping[a] * (rate * bristle + speed)
         remains = np.exp(rate * plant.step)
-        state.bristle[a] = remains * bristle + ((remains - 1.0) / rate if abs(rate) > _LEAST else plant.step) * speed
+        state.bristle[a] = (
+            remains * bristle + ((remains - 1.0) / rate if abs(rate) > _LEAST_DIVISOR else plant.step) * speed
+        )
     return gear * force
 
 
@@ -208,7 +210,7 @@ def _is_lost(plant, state):
     """Return whether the state is one that MuJoCo would warn of: no number, or too large a one."""
     for i in range(plant.dofs):
         largest = max(abs(state.place[i]), abs(state.speed[i]), abs(state.change[i]) / plant.step)
-        if not largest <= _LARGEST:
+        if not largest <= _LARGEST_VALUE:
             return True
     return False
 
@@ -243,7 +245,7 @@ PLACE = np.dtype([("plant", np.int64), ("physics", np.int64), ("row", np.int64)]
 _PLACE = numba.from_dtype(PLACE)
 _PLANT = numba.from_dtype(PLANT)
 _STATE = numba.from_dtype(STATE)
-_NUMBER = types.int64
+_INTEGER = types.int64
 
 
 @cache
@@ -254,7 +256,7 @@ def loop() -> Any:
     """
 
     def step_places(places, numbers, count, steps):
-        for number in numba.carray(pointer(numbers, _NUMBER), (count,)):
+        for number in numba.carray(pointer(numbers, _INTEGER), (count,)):
             place = numba.carray(pointer(places, _PLACE), (number + 1,))[number]
             plant = numba.carray(pointer(place.plant, _PLANT), (1,))[0]
             state = numba.carray(pointer(place.physics, _STATE), (1,))[0]

@@ -19,7 +19,7 @@ from gantrysim.base.jit import jit
 from gantrysim.machine.row import LOG_AXIS, LOG_TICK, ROW, STAGE, Log, Tape
 from gantrysim.servo.gains import GAIN_NAMES, Gains
 
-_MANY = 2**31  # nothing is checked against it
+_UNCHECKED_LENGTH = 2**31  # nothing is checked against it
 _GAINS = len(GAIN_NAMES)
 _INTEGER = types.int64
 _FLOAT = types.float64
@@ -79,13 +79,13 @@ def integer_at(address):
 @jit
 def floats_at(address):
     """Return the doubles at an address, however many they are."""
-    return numba.carray(pointer(address, _FLOAT), (_MANY,))
+    return numba.carray(pointer(address, _FLOAT), (_UNCHECKED_LENGTH,))
 
 
 @jit
 def octets_at(address):
     """Return the bytes at an address, however many they are."""
-    return numba.carray(pointer(address, _OCTET), (_MANY,))
+    return numba.carray(pointer(address, _OCTET), (_UNCHECKED_LENGTH,))
 
 
 @jit
@@ -104,7 +104,8 @@ def row_at(address):
 def log_of(row):
     """Return the log that a row names, a view, by tick."""
     return Log(
-        numba.carray(pointer(row.log, _TICK), (_MANY,)), numba.carray(pointer(row.axis_log, _AXIS), (_MANY, row.axes))
+        numba.carray(pointer(row.log, _TICK), (_UNCHECKED_LENGTH,)),
+        numba.carray(pointer(row.axis_log, _AXIS), (_UNCHECKED_LENGTH, row.axes)),
     )
 
 

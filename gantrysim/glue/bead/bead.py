@@ -18,11 +18,11 @@ from gantrysim.glue.bead.values import BeadValues
 from gantrysim.metrics.analysis import Range
 from gantrysim.metrics.spacing import forward
 
-_TOUCHING = 1e-6  # [mm], within which neighbouring turns neither overlap nor leave a gap
+_TOUCHING_TURNS = 1e-6  # [mm], within which neighbouring turns neither overlap nor leave a gap
 _LINKS = 1000  # links between neighbouring turns, on which coverage is sampled
 _ON_A_LINK = 48  # samples
 _GOLDEN = 0.618034
-_SETTLED = 1e-5  # tolerance of a settled flow, of the flow demand
+_SETTLED_FLOW = 1e-5  # tolerance of a settled flow, of the flow demand
 _STEADY_RATE = 1e-3  # relative change of a flow that is steady, or drifts as a syringe empties [1/s]
 _RAMP = 0.1  # relative change of a demand that rises or falls [1/s]
 
@@ -87,8 +87,8 @@ class Bead(BeadTrace, Shown):
             width=Range.of(self.width[on]),
             section=Range.of(self.section.area[on]),
             clearance=Range.of(clearance) if turns else None,
-            overlap_share=float(weight[clearance < -_TOUCHING].sum()) / length if turns else None,
-            gap_share=float(weight[clearance > _TOUCHING].sum()) / length if turns else None,
+            overlap_share=float(weight[clearance < -_TOUCHING_TURNS].sum()) / length if turns else None,
+            gap_share=float(weight[clearance > _TOUCHING_TURNS].sum()) / length if turns else None,
             coverage=coverage,
             apart_share=apart_share,
             height_apart=float(np.abs(np.diff(self.analysis.spacing.link[..., 2], axis=1)).max()) if turns else None,
@@ -276,7 +276,7 @@ class Bead(BeadTrace, Shown):
         last -= int(np.argmin(np.append(falls[:last][::-1], False)))
         inside = slice(first, last + 1)
         excess = flow[inside] - demand[inside]
-        is_near = (np.abs(excess) <= _SETTLED * demand[inside]) & (demand[inside] > 0)
+        is_near = (np.abs(excess) <= _SETTLED_FLOW * demand[inside]) & (demand[inside] > 0)
         now = flow[inside][:-1]
         change = np.abs(np.diff(flow[inside]))
         is_near[:-1] |= (now > 0) & (change <= _STEADY_RATE * period * now)

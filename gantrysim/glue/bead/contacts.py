@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 
-_STEP = 0.125  # between the positions examined within a tick, of the needle's diameter
+_EXAMINED_STEP = 0.125  # between the positions examined within a tick, of the needle's diameter
 _MOST_CELLS = 4e6  # of the search
 
 
@@ -188,7 +188,7 @@ def _search(needle: Needle, sections: Sections, cells: Cells, depth: Floats, tou
         dx = nozzle[k, 0] - nozzle[k - 1, 0]
         dy = nozzle[k, 1] - nozzle[k - 1, 1]
         dz = nozzle[k, 2] - nozzle[k - 1, 2]
-        steps = math.ceil(math.sqrt(dx * dx + dy * dy + dz * dz) / (_STEP * 2.0 * needle.radius))
+        steps = math.ceil(math.sqrt(dx * dx + dy * dy + dz * dz) / (_EXAMINED_STEP * 2.0 * needle.radius))
         on = needle.dispense[k - 1]
         for step in range(steps):
             f = (step + 1) / steps

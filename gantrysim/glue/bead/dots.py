@@ -22,9 +22,9 @@ from gantrysim.base.columns import blocks
 from gantrysim.glue.bead.section import BeadSettings
 from gantrysim.record.run import Run
 
-_RESTING = 0.5  # share, which is exceeded, of a dot's demand at rest; of its time, if nothing is demanded there
-_STILL = 1e-9  # commanded way in a tick; more is motion [mm]
-_CLEAR = 0.1  # of a dot's height, by which a needle that has left it is above its top
+_SHARE_AT_REST = 0.5  # share, which is exceeded, of a dot's demand at rest; of its time, if nothing is demanded there
+_STANDSTILL_WAY = 1e-9  # commanded way in a tick; more is motion [mm]
+_CLEAR_HEIGHT = 0.1  # of a dot's height, by which a needle that has left it is above its top
 
 
 @dataclass(frozen=True)
@@ -160,13 +160,13 @@ def _rest_demand(run: Run, settings: BeadSettings, begin: int, after: int) -> fl
         high = np.maximum(high, tips[:, :2].max(axis=0))
         if float((high - low).max()) > widest:
             return None
-        still = lengths(np.diff(tips, axis=0)) <= _STILL
+        still = lengths(np.diff(tips, axis=0)) <= _STANDSTILL_WAY
         demand = run.flow_demand[ticks] * run.period
         total += float(demand.sum())
         at_rest += float(demand[still].sum())
         resting += int(np.count_nonzero(still))
     shares = (at_rest, total) if total > 0 and at_rest > 0 else (resting, after - begin)
-    if shares[0] <= _RESTING * shares[1]:
+    if shares[0] <= _SHARE_AT_REST * shares[1]:
         return None
     # a flow in proportion to the speed is requested in the last tick of a motion alone
     return total if at_rest > 0 else 0.0
@@ -192,7 +192,7 @@ def _dot(
     rise = nozzle[:, 2] - asked[2]
     aside = np.hypot(nozzle[:, 0] - asked[0], nozzle[:, 1] - asked[1])
     is_near = (aside <= max(whole.radius, 0.5 * run.face)) & (
-        gap + rise <= max(whole.height, gap) + _CLEAR * whole.height
+        gap + rise <= max(whole.height, gap) + _CLEAR_HEIGHT * whole.height
     )
     laid = np.where(is_near, glue, 0.0)
     volume = float(laid.sum())

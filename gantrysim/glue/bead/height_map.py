@@ -23,13 +23,13 @@ from gantrysim.glue.bead.pushing import exceeds, means, push_aside
 from gantrysim.glue.bead.section import Section
 from gantrysim.glue.bead.trace import BeadTrace
 
-_MARGIN = 4  # cells around the bead
+_MARGIN_CELLS = 4  # cells around the bead
 _SPREADING = 0.25  # further margin, of the bead's width
-_WIDEST = 1 / 3  # cell, of the nominal width
+_WIDEST_CELL = 1 / 3  # cell, of the nominal width
 _IN_A_CELL = 8  # samples of a dot in a cell, along x and along y
 
 _BLOCK = 8  # cells in a row that make one of the coarse map
-_EVEN = 1e-3  # of the gap; smaller changes of the nozzle's height are ignored
+_EVEN_HEIGHT = 1e-3  # of the gap; smaller changes of the nozzle's height are ignored
 _RIPPLE = 0.02  # unevenness of a flat, of the nozzle's height
 _SPREAD = 0.5  # distance over which excess beside the face spreads, of the nominal width
 _SWEEPS = 5000  # in which the nozzle pushes glue aside
@@ -106,9 +106,9 @@ class HeightMap:
         """Raise InputError for cells that no map of a bead can have, before any array as long as the bead is wide."""
         cell = bead.cell
         width = float(bead.nominal_section.width[0])
-        if cell > _WIDEST * width > 0:
+        if cell > _WIDEST_CELL * width > 0:
             raise InputError(
-                f"cell = {cell:g} mm: must be at most {_WIDEST * width:.4g} mm, a third of the bead's width of "
+                f"cell = {cell:g} mm: must be at most {_WIDEST_CELL * width:.4g} mm, a third of the bead's width of "
                 f"{width:.4g} mm"
             )
         check_cells(bead, (np.ptp(bead.point[:, :2], axis=0) + width) / cell)
@@ -176,7 +176,7 @@ def _grid(bead: BeadTrace, volume: Floats, ends: list[End]) -> tuple[Floats, Flo
         half = 0.5 * bead.width[stations, None]
         places += [bead.point[stations, :2] - half, bead.point[stations, :2] + half]
     low, high = extremes(np.concatenate(places))
-    around = _MARGIN * cell + _SPREADING * float(bead.width[laid].max(initial=0.0))
+    around = _MARGIN_CELLS * cell + _SPREADING * float(bead.width[laid].max(initial=0.0))
     low = np.floor((low - around) / cell) * cell
     count = np.ceil((high + around - low) / cell) + 1
     check_cells(bead, count)
@@ -256,7 +256,7 @@ def lay_glue(bead: BeadTrace, grid: tuple[Floats, Floats], volume: Floats, wet: 
     cell = bead.cell
     glue = np.zeros((y.size, x.size))
     vertical = upright(bead)
-    uneven = bead.settings.squashed and bool(np.ptp(vertical) > _EVEN * bead.gap)
+    uneven = bead.settings.squashed and bool(np.ptp(vertical) > _EVEN_HEIGHT * bead.gap)
     none = np.zeros((0, 0))
     moment = np.zeros_like(glue) if uneven else none
     crest = np.zeros_like(glue) if bead.settings.squashed else none
@@ -467,7 +467,7 @@ def check_cells(bead: BeadTrace, count: ArrayLike, layers: int = 1) -> None:
         widest = float(bead.width.max())
         # as large as few enough need, in steps of a tenth of the present ones
         larger = 0.1 * bead.cell * math.ceil(10 * math.sqrt(cells / MOST_CELLS) + 1)
-        suits = f"; bead.cell = {larger:.4g} has few enough" if larger <= _WIDEST * wide else ""
+        suits = f"; bead.cell = {larger:.4g} has few enough" if larger <= _WIDEST_CELL * wide else ""
         raise InputError(
             f"cell = {bead.cell:g} mm: the height map of a bead {wide:.4g} mm wide, {widest:.4g} mm at its "
             f"widest, has {cells:.3g} cells{stacked}, at most {MOST_CELLS:g}{suits}"

@@ -20,8 +20,8 @@ from gantrysim.glue.bead.trace import BeadTrace
 _MERGING = 0.75
 _RESOLUTION = 0.25  # cell of the search for passes at another height, of the bead's mean width
 _MOST_CELLS = 2e7  # of that search
-_HOLD = 4.0  # path after a conflict on which a pass stays in the other layer, of the bead's width
-_STEEPEST = 1.001  # slope of a surface; a steeper path leaves it for another
+_HELD_PATH = 4.0  # path after a conflict on which a pass stays in the other layer, of the bead's width
+_STEEPEST_SLOPE = 1.001  # slope of a surface; a steeper path leaves it for another
 _CROSSING = 4.0  # path on which a straight pass leaves a cell behind for certain, of the bead's width
 
 
@@ -62,11 +62,11 @@ def layers_of(bead: BeadTrace, wet: NDArray[np.bool_], most: int) -> NDArray[np.
     nx, ny = (np.ceil(place[touched].max(axis=0)) + margin + 1).astype(int).tolist()
     steps = np.hypot(*np.diff(bead.point[:, :2], axis=0).T)
     slope = np.abs(np.diff(surface)) / np.maximum(steps, 1e-9)
-    slope[slope > _STEEPEST] = np.inf
+    slope[slope > _STEEPEST_SLOPE] = np.inf
     # two paths of one slope that cross at right angles lie on a plane so much steeper
     slope *= np.sqrt(2)
     stations = (place[:, 0].copy(), place[:, 1].copy(), half, surface / cell)
-    hold = int(np.ceil(_HOLD * width / bead.ds))
+    hold = int(np.ceil(_HELD_PATH * width / bead.ds))
     crossing = int(np.ceil(_CROSSING * width / bead.ds))
     waiting = wet.copy()
     while waiting.any() and number.max() < most:

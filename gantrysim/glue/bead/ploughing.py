@@ -40,9 +40,9 @@ from gantrysim.glue.bead.dots import Dot
 from gantrysim.glue.bead.height_map import upright
 from gantrysim.glue.bead.trace import BeadTrace
 
-_TOUCHING = 0.01  # height over a bead's top at which glue still wets the face, of the nozzle's gap
-_BEHIND = 2.0  # bead that counts as being laid, of its nominal width
-_OPPOSITE = -0.5  # cosine of the angle between two headings from which one goes back
+_WET_HEIGHT = 0.01  # height over a bead's top at which glue still wets the face, of the nozzle's gap
+_BEAD_BEHIND = 2.0  # bead that counts as being laid, of its nominal width
+_OPPOSITE_COSINE = -0.5  # cosine of the angle between two headings from which one goes back
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Ploughing:
         if not (wet.any() or dots):
             return cls()
         sections = _with_dots(_sections(bead, wet), bead, dots)
-        behind = _BEHIND * max([bead.widest, *(dot.diameter for dot in dots)]) + bead.run.face
+        behind = _BEAD_BEHIND * max([bead.widest, *(dot.diameter for dot in dots)]) + bead.run.face
         run = bead.run
         needle = Needle(
             nozzle=np.ascontiguousarray(run.nozzle),
@@ -91,7 +91,7 @@ class Ploughing:
             counted=np.ones(bead.length.size, bool),
             radius=0.5 * run.face,
             behind=behind,
-            touching=_TOUCHING * bead.gap,
+            touching=_WET_HEIGHT * bead.gap,
         )
         cells = cells_of(sections, needle)
         depth, touched = contacts(needle, sections, cells)
@@ -248,7 +248,7 @@ def _turns_back(bead: BeadTrace, touches: NDArray[np.intp], behind: float) -> ND
     begun = begins[np.maximum(np.searchsorted(begins, here, "right") - 1, 0)]
     stations = [np.searchsorted(bead.place, place).clip(0, bead.place.size - 1) for place in (here, here - behind)]
     now, before = stations
-    opposite = np.cos(bead.heading[now] - bead.heading[before]) < _OPPOSITE
+    opposite = np.cos(bead.heading[now] - bead.heading[before]) < _OPPOSITE_COSINE
     apart = np.linalg.norm(bead.point[now, :2] - bead.point[before, :2], axis=1)
     return opposite & (apart < 0.5 * (bead.run.face + bead.widest)) & (here - behind >= begun)
 

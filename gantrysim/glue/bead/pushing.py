@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 
-_COARSEST = 16  # rows or columns
-_FINER = 0.25  # ripple of a coarser grid over that of the finer one
+_COARSEST_GRID = 16  # rows or columns
+_FINER_RIPPLE = 0.25  # ripple of a coarser grid over that of the finer one
 _LEAST_RIPPLE = 1e-3
 _CHUNK = 20  # sweeps
 _BAND = 32  # rows compared at a time: their products stay near the processor
-_ROUGH = 1.7
+_FIRST_RELAXATION = 1.7
 _ROUGH_SWEEPS = 200
 
 
@@ -80,8 +80,8 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
     if not listed.any():
         return handed
     surface = _Surface(height, ceiling, rise, handed)
-    if min(height.shape) > _COARSEST:
-        finer = _FINER * ripple if ripple > _LEAST_RIPPLE else ripple
+    if min(height.shape) > _COARSEST_GRID:
+        finer = _FINER_RIPPLE * ripple if ripple > _LEAST_RIPPLE else ripple
         coarse = _handed_on(means(height, 2, 0.0), means(ceiling, 2), 4.0 * means(rise, 2), finer, sweeps)
         _start_from(coarse, surface, listed, ripple)
     queue, count = _to_push(listed)
@@ -92,7 +92,7 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
         # for a square of so many cells: Jacobi's spectral radius is cos(pi / side) / (1 + k)
         radius = math.cos(math.pi / max(math.sqrt(count), 4.0)) / (1.0 + mean_rise)
         best = 2.0 / (1.0 + math.sqrt(1.0 - radius**2))
-        factor = min(best, _ROUGH) if first < _ROUGH_SWEEPS and min(height.shape) > _COARSEST else best
+        factor = min(best, _FIRST_RELAXATION) if first < _ROUGH_SWEEPS and min(height.shape) > _COARSEST_GRID else best
         settled, count = _sweep(surface, queue, count, ripple, factor, min(_CHUNK, sweeps - first))
         if settled:
             break

@@ -15,7 +15,7 @@ from gantrysim.base.errors import InputError, at_least, finite, positive
 # Settings of a bead: its shape, and the resolution of its height map.
 
 _LEAST_GAP = 1e-6  # smallest gap and cell [mm]
-_HIGHEST = 1e9  # gap [mm]
+_HIGHEST_GAP = 1e9  # gap [mm]
 _LEAST_ANGLE = 1.0  # [deg]; below, glue is a film without a shape
 
 
@@ -44,7 +44,7 @@ class BeadSettings:
 
     def __post_init__(self) -> None:
         if self.gap is not None:
-            at_least("gap", self.gap, _LEAST_GAP, "mm", _HIGHEST)
+            at_least("gap", self.gap, _LEAST_GAP, "mm", _HIGHEST_GAP)
         if not _LEAST_ANGLE <= finite("contact_angle", self.contact_angle, "deg") <= 90:
             raise InputError(
                 f"contact_angle = {self.contact_angle:g} deg: must be at least {_LEAST_ANGLE:g} and at most 90 deg"
@@ -52,7 +52,7 @@ class BeadSettings:
         if self.cell is not None:
             at_least("cell", self.cell, _LEAST_GAP, "mm")
         if self.dot_height is not None:
-            at_least("dot_height", self.dot_height, _LEAST_GAP, "mm", _HIGHEST)
+            at_least("dot_height", self.dot_height, _LEAST_GAP, "mm", _HIGHEST_GAP)
         if self.dot_target is not None:
             positive("dot_target", self.dot_target, "mm³")
 

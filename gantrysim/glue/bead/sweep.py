@@ -133,8 +133,8 @@ def joined_meshes(parts: list[Mesh]) -> Mesh:
 _DISTANCE = 2.0  # of the rings [mm]
 _TURN = np.radians(15)  # of the trace, between two rings
 _RINGS = (800, 4000)  # between the ends: fewer look coarse, more cost time that nobody sees
-_TURNED = np.radians([90, 90, 75, 60, 45, 30, 15, 0])  # of the rings of an end; the first is a point on its rim
-_END = _TURNED.size
+_RING_ANGLES = np.radians([90, 90, 75, 60, 45, 30, 15, 0])  # of the rings of an end; the first is a point on its rim
+_END = _RING_ANGLES.size
 
 
 class TooFewRingsError(GantryError, ValueError):
@@ -251,7 +251,7 @@ class Sweep:
         point = np.tile(dot.foot, (_END, 1))
         flat = np.zeros(_END)
         place = np.full(_END, trace.length[dot.stretch[0]])
-        halves = [rings(point, flat, (sphere, flat, flat), sign * _TURNED, place, angle) for sign in (-1.0, 1.0)]
+        halves = [rings(point, flat, (sphere, flat, flat), sign * _RING_ANGLES, place, angle) for sign in (-1.0, 1.0)]
         return joined_meshes([_closed(half, sign) for half, sign in zip(halves, (-1.0, 1.0), strict=True)])
 
     @property
@@ -322,7 +322,7 @@ class Sweep:
 
     def _end(self, place: float, sign: float, section: Section | None = None) -> Mesh:
         """Return the round end about a place of the trace, at the start (sign -1) or stop (1) of a stretch."""
-        return _closed(self._rings(np.full(_END, place), sign * _TURNED, section), sign)
+        return _closed(self._rings(np.full(_END, place), sign * _RING_ANGLES, section), sign)
 
 
 def _closed(mesh: Mesh, sign: float) -> Mesh:

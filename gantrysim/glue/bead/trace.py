@@ -81,7 +81,8 @@ def _averaged_section(values: Floats, reach: int) -> Floats:
 
 # Whether a bead leaves a level plane, which decides how pictures show it.
 
-LEVEL = 1.0  # climb up to which a bead is flat; it holds the sag of a table and the errors of a needle's height [mm]
+# climb up to which a bead is flat; it holds the sag of a table and the errors of a needle's height [mm]
+LEVEL_CLIMB = 1.0
 
 
 def climb(heights: Floats) -> float:
@@ -90,8 +91,8 @@ def climb(heights: Floats) -> float:
 
 
 def leaves_plane(run: Run) -> bool:
-    """Return whether the nozzle climbs by more than `LEVEL` in the work frame while it dispenses."""
-    return extent(lambda block: run.nozzle[block, 2][run.dispense[block]], len(run.time)) > LEVEL
+    """Return whether the nozzle climbs by more than `LEVEL_CLIMB` in the work frame while it dispenses."""
+    return extent(lambda block: run.nozzle[block, 2][run.dispense[block]], len(run.time)) > LEVEL_CLIMB
 
 
 _CELL = 0.25  # of the height map, where none is given [mm]
@@ -99,10 +100,10 @@ _CELLS_OF_A_BEAD = 0.25  # largest such cell, of the width of a bead
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)
 # tolerance of a steady section, and share of the ticks before a fault that must keep it
-_STEADY = 0.1
-_MOSTLY = 0.5
+_STEADY_SECTION = 0.1
+_STEADY_SHARE = 0.5
 _SAME_DEMAND = 1e-6  # of the largest flow demand, within which it is what E feeds
-_SHORTEST = 1e-6  # length of the trace of a dot [mm]
+_SHORTEST_DOT = 1e-6  # length of the trace of a dot [mm]
 _LEAST_GAP = 0.05  # of the nominal one, for a nozzle that dips into the work
 _WET = 1e-3  # of the nominal section; below, a stretch of bead has ended
 
@@ -142,7 +143,7 @@ class BeadTrace:
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
         self._analysis = analysis
         self.length: Floats = cumulated_sums(surface_steps(run))
-        total = max(float(self.length[-1]), _SHORTEST)
+        total = max(float(self.length[-1]), _SHORTEST_DOT)
         if stations is None:
             stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
         self.place: Floats = np.linspace(0.0, total, whole_number("stations", stations, 2))
@@ -268,7 +269,7 @@ class BeadTrace:
         edges = np.concatenate([[-self.ds], self.place]) + 0.5 * self.ds
         laid = np.diff(np.interp(edges, self._ascending, volume))
         length = np.diff(np.interp(edges, self._ascending, path))
-        some = np.flatnonzero(length > _SHORTEST)
+        some = np.flatnonzero(length > _SHORTEST_DOT)
         # beside the lines, the section of the nearest one
         middles = 0.5 * (some[1:] + some[:-1])
         nearest = some[np.searchsorted(middles, np.arange(self.place.size))]
@@ -303,8 +304,8 @@ class BeadTrace:
         del demand, speed
         # ramps and corners are few
         section = float(np.median(sections))
-        steady = np.abs(sections - section) <= _STEADY * section
-        is_known = self.run.fault is None or self.follows_material or np.mean(steady) >= _MOSTLY
+        steady = np.abs(sections - section) <= _STEADY_SECTION * section
+        is_known = self.run.fault is None or self.follows_material or np.mean(steady) >= _STEADY_SHARE
         return section if is_known else 0.0
 
     @property

@@ -166,7 +166,7 @@ APART_SHARE = Quantity[BeadValues](
     path=("apart_share",),
     factor=100.0,
 )
-APART = Quantity[BeadValues](
+TURNS_APART = Quantity[BeadValues](
     "turns_apart",
     label="height between turns",
     unit="mm",
@@ -272,7 +272,7 @@ BEAD: tuple[Quantity[BeadValues], ...] = (
     GAP_SHARE,
     COVERAGE,
     APART_SHARE,
-    APART,
+    TURNS_APART,
     MISSING_AT_START,
     EXCESS_AT_STOP,
     DELAY_AT_START,

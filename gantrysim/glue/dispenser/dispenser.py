@@ -48,9 +48,9 @@ DEMANDS = {
 }
 
 _LARGEST_VALUE = 1e9  # largest flow, area and pressure
-_LONGEST = 4.0  # dead time, time constants, leads and advance; a larger number was typed in milliseconds [s]
-_CLIPPED = 1e-3  # share of the volume from which a clipped demand is noted
-_EMPTY = 1e-9  # glue that remains in an empty syringe, relative to that at the start
+_LONGEST_TIME = 4.0  # dead time, time constants, leads and advance; a larger number was typed in milliseconds [s]
+_CLIPPED_SHARE = 1e-3  # share of the volume from which a clipped demand is noted
+_EMPTY_SYRINGE = 1e-9  # glue that remains in an empty syringe, relative to that at the start
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Dispenser:
             raise InputError(f"{' and '.join(given)}: only one of {', '.join(DEMANDS)} can be given")
         for name in ("dead_time", "closing_dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
             if getattr(self, name) is not None:
-                at_least(name, getattr(self, name), 0, "s", _LONGEST)
+                at_least(name, getattr(self, name), 0, "s", _LONGEST_TIME)
         check_one_of("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
         check_one_of("kind of dispenser", self.kind, _KINDS)
         self._check_kind()
@@ -359,7 +359,7 @@ class Dispenser:
         if self.syringe is None:
             return notes
         flow = self.flows(on, speeds, period, material)
-        empty = np.flatnonzero(np.cumsum(flow) * period >= (1 - _EMPTY) * self.syringe.glue)
+        empty = np.flatnonzero(np.cumsum(flow) * period >= (1 - _EMPTY_SYRINGE) * self.syringe.glue)
         if not empty.size:
             return notes
         return (
@@ -379,7 +379,7 @@ class Dispenser:
         duration = np.diff(breaks) * period
         below = float(np.maximum(-value, 0.0) @ duration)
         total = float(value @ duration)
-        if below <= _CLIPPED * total:
+        if below <= _CLIPPED_SHARE * total:
             return ()
         what = "volume" if self._driven is None else "pressure times time"
         amount = f"{below:.3g} mm³, " if self._driven is None else ""

@@ -17,13 +17,13 @@ from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.glue.dispenser.pressurised import Flowed, flowed
 from gantrysim.glue.dispenser.volumetric import Pump
 
-_STEP = 1e-3  # relative, of the flow of a difference
-_LOST = 1e-6  # share of the volume from which a stall is noted
+_FLOW_STEP = 1e-3  # relative, of the flow of a difference
+_LOST_SHARE = 1e-6  # share of the volume from which a stall is noted
 # a stepper keeps its step through a shorter peak of speed, half a swing of its rotor in the field [s]
 _FOLLOWED = 0.01
 _ROUNDING = 1e-6  # relative
 
-_BEHIND = 1e-3  # share of the commanded volume by which a motor that falls behind is noted
+_LATE_SHARE = 1e-3  # share of the commanded volume by which a motor that falls behind is noted
 
 
 class Drive(NamedTuple):
@@ -46,8 +46,8 @@ class Drive(NamedTuple):
         """
         line = self.body.line(self.needle.conductance)
         compliance = line.compliance + line.glue / line.modulus
-        low, pressure, high = self.needle.pressure(flow * np.array([1 - _STEP, 1.0, 1 + _STEP])).tolist()
-        change = 2 * _STEP * flow + line.leak * (high - low)
+        low, pressure, high = self.needle.pressure(flow * np.array([1 - _FLOW_STEP, 1.0, 1 + _FLOW_STEP])).tolist()
+        change = 2 * _FLOW_STEP * flow + line.leak * (high - low)
         return compliance * (high - low) / change, compliance * pressure / (flow + line.leak * pressure)
 
 
@@ -151,7 +151,7 @@ def driven_notes(drive: Drive, result: Driven, volume: float, period: float) -> 
     notes = list(motor_notes(drive.motor, result.moved, volume))
     lost = result.out.lost
     total = float(lost.sum())
-    if total > _LOST * volume:
+    if total > _LOST_SHARE * volume:
         ticks = np.flatnonzero(lost)
         notes.append(
             f"FAULT of the dispenser: its motor stalls at t = {ticks[0] * period:.4g} s, for "
@@ -283,13 +283,13 @@ def _follow(wanted: Floats, rate: Floats, period: float, limits: tuple[float, fl
 def motor_notes(motor: Motor, moved: Displaced, volume: float) -> tuple[str, ...]:
     """Return notes on what the motor's limits have cost of a commanded volume [mm³]."""
     notes = []
-    if moved.refused > _BEHIND * volume:
+    if moved.refused > _LATE_SHARE * volume:
         notes.append(
             f"The dispenser's motor cannot reverse: {moved.refused:.3g} mm³ that the program, or its advance, pulls "
             f"back are not, {100 * moved.refused / volume:.3g} % of the volume."
         )
     is_limited = motor.top_speed < math.inf or motor.top_acceleration < math.inf
-    if is_limited and moved.behind > _BEHIND * volume:
+    if is_limited and moved.behind > _LATE_SHARE * volume:
         notes.append(
             f"The dispenser's motor falls behind its command by up to {moved.behind:.3g} mm³, at t = {moved.late:.4g} "
             f"s: its top_speed ({motor.top_speed:g}) or top_acceleration ({motor.top_acceleration:g}) does not reach."

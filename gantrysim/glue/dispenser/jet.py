@@ -13,7 +13,7 @@ from gantrysim.base.jit import jit
 
 LARGEST_VALUE = 1e6
 _SMALLEST_DROP = 1e-6  # a picolitre, as of an ink jet [mm³]
-_LOST = 1e-6  # share of the volume from which lost drops are noted
+_LOST_SHARE = 1e-6  # share of the volume from which lost drops are noted
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def _shoot(command: Floats, flow: Floats, period: float, dead_time: float, drop:
 
 def jet_notes(jet: Jet, result: Shots, volume: float) -> tuple[str, ...]:
     """Return a note on drops that are lost of a commanded volume [mm³]."""
-    if result.lost * jet.drop <= _LOST * volume:
+    if result.lost * jet.drop <= _LOST_SHARE * volume:
         return ()
     return (
         f"The jet loses {result.lost} drops of {jet.drop:g} mm³, {100 * result.lost * jet.drop / volume:.3g} % of the "

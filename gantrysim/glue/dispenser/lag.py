@@ -15,7 +15,7 @@ _MOST_PIECES = 40  # time constants after which a lag has settled
 _STEP_OF_AIR = 0.05  # largest step in a syringe, relative to its time constant
 _STEP_OF_LAG = 0.1  # largest step in a syringe, relative to the valve's time constant
 _MOST_STEPS = 100  # in a syringe between two changes of the request
-_SETTLED = 1e-9  # deviation of a settled pressure, relative to the pressure
+_SETTLED_PRESSURE = 1e-9  # deviation of a settled pressure, relative to the pressure
 _GAUSS = np.polynomial.legendre.leggauss(6)
 # from 0 to 1
 _NODES = 0.5 * (_GAUSS[0] + 1)
@@ -164,12 +164,12 @@ def syringe_volumes(
         r = request[k]
         h = duration[k]
         valve_constant = lag.opening if r > y else lag.closing
-        if valve_constant <= 0.0 or abs(y - r) <= _SETTLED * pressure:
+        if valve_constant <= 0.0 or abs(y - r) <= _SETTLED_PRESSURE * pressure:
             y = r
         steps_needed = 1.0
         if y != r:
             steps_needed = max(h / (_STEP_OF_AIR * air / rate), h / (_STEP_OF_LAG * valve_constant))
-        elif abs(pressure - y - ATMOSPHERE) > _SETTLED * pressure:
+        elif abs(pressure - y - ATMOSPHERE) > _SETTLED_PRESSURE * pressure:
             steps_needed = h / (_STEP_OF_AIR * air / rate)
         steps = math.ceil(max(min(steps_needed, _MOST_STEPS), 1.0))
         for _ in range(steps):

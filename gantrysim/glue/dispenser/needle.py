@@ -34,9 +34,9 @@ GAUGES = {
     "30G": (0.159, 0.311),
 }
 
-_WIDEST = 100.0  # bore and outer diameter [mm]
+_WIDEST_DIAMETER = 100.0  # bore and outer diameter [mm]
 _LARGEST_VALUE = 1e9  # length, consistency, index and yield stress
-_STEPS = 8  # of Newton's method; from there on the residual is rounding
+_NEWTON_STEPS = 8  # of Newton's method; from there on the residual is rounding
 
 
 @dataclass(frozen=True)
@@ -81,11 +81,11 @@ class Needle:
             if self.bore not in GAUGES:
                 raise unknown("gauge of the needle", self.bore, GAUGES)
         else:
-            positive("bore of the needle", self.bore, "mm", _WIDEST)
+            positive("bore of the needle", self.bore, "mm", _WIDEST_DIAMETER)
         for name, unit in (("length", "mm"), ("consistency", "Pa·s^n"), ("index", "")):
             positive(f"{name} of the needle", getattr(self, name), unit, _LARGEST_VALUE)
         at_least("yield_stress of the needle", self.yield_stress, 0, "Pa", _LARGEST_VALUE)
-        if self.outer is not None and positive("outer of the needle", self.outer, "mm", _WIDEST) <= self.inner:
+        if self.outer is not None and positive("outer of the needle", self.outer, "mm", _WIDEST_DIAMETER) <= self.inner:
             raise InputError(
                 f"outer of the needle = {self.outer:g} mm: must be greater than its bore, {self.inner:g} mm"
             )
@@ -157,7 +157,7 @@ class Needle:
         share = np.where(q > 0, q, self.yield_flow) / self.yield_flow
         z = (share / b) ** (1 / (power + 1)) + share ** (1 / power)
         # in logarithms, where the slope lies between 1/n and 1/n + 1
-        for _ in range(_STEPS):
+        for _ in range(_NEWTON_STEPS):
             core = z**2 + 2 * a * z + b
             error = (power + 1) * np.log(z) + np.log(core) - 3 * np.log1p(z) - np.log(share)
             slope = power + 1 + 2 * z * (z + a) / core - 3 * z / (1 + z)

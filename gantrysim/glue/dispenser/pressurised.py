@@ -27,7 +27,7 @@ from gantrysim.glue.dispenser.lag import NeedleLaw, needle_flow
 from gantrysim.glue.dispenser.syringe import ATMOSPHERE
 
 _GAMMA = 1 - math.sqrt(0.5)
-_STEP = 0.1  # of the time constant
+_TIME_STEP = 0.1  # of the time constant
 _MOST_STEPS = 50  # in a period
 _ITERATIONS = 60
 _ROUNDING = 1e-13  # relative
@@ -143,7 +143,7 @@ def _integrate(rate: Floats, period: float, line: Line, law: NeedleLaw, result: 
         slope = line.leak
         if largest > 0.0:
             slope += (law.power + 1.0) * line.conductance * needle_flow(largest, law) / largest
-        needed = period * slope / (compliance * _STEP)
+        needed = period * slope / (compliance * _TIME_STEP)
         is_stiff = needed > _MOST_STEPS
         steps = int(max(math.ceil(min(needed, _MOST_STEPS)), 1.0))
         h = period / steps

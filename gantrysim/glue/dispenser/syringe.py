@@ -14,7 +14,7 @@ ATMOSPHERE = 101.325  # [kPa]
 _ML = 1e3  # mm³ per ml
 _PER_BAR = 1e6  # mm³/s at p0 per dm³/(s·bar)
 _LARGEST_VALUE = 1e6  # volumes [ml] and conductance [dm³/(s·bar)]
-_STEP = 0.05  # of the integration, relative to the time constant
+_TIME_STEP = 0.05  # of the integration, relative to the time constant
 
 
 @dataclass(frozen=True)
@@ -115,13 +115,13 @@ def exchanged_pressure(pressure: float, supply: float, duration: float, constant
         angle = math.asin((r - ratio) / free)
         # by Runge and Kutta, of fourth order
         while remaining > 0.0 and angle < 0.5 * math.pi:
-            step = min(remaining, _STEP) / free
+            step = min(remaining, _TIME_STEP) / free
             a = step * (ratio + free * math.sin(angle))
             b = step * (ratio + free * math.sin(angle + 0.5 * a))
             c = step * (ratio + free * math.sin(angle + 0.5 * b))
             d = step * (ratio + free * math.sin(angle + c))
             angle += (a + 2.0 * (b + c) + d) / 6.0
-            remaining -= _STEP
+            remaining -= _TIME_STEP
         if angle >= 0.5 * math.pi:
             return supply
         return supply / (ratio + free * math.sin(angle))

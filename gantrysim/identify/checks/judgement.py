@@ -17,7 +17,7 @@ from gantrysim.identify.checks.residual import (
 )
 from gantrysim.identify.checks.sampling import check_rate
 from gantrysim.identify.friction_terms import LOAD
-from gantrysim.identify.result import KNOWN, KNOWN_DAMPING, MODE, AxisFit, Estimate
+from gantrysim.identify.result import KNOWN_DAMPING, KNOWN_INTERVAL, MODE, AxisFit, Estimate
 
 INTERVAL = "interval"  # reason of a value whose interval is too wide
 # half intervals that are narrow enough of any constant torque, of the Coulomb friction, and any delay, of the period
@@ -29,7 +29,8 @@ _NO_DELAY = 0.1
 _DELAY = 0.015  # of the period
 _DELAY_IN_GAP = 0.1  # the same beside a backlash
 _OFFSET = 0.01  # of the Coulomb friction
-_EXCESS = 0.3  # of static over Coulomb friction: the Stribeck speed is that of the table, which nobody has measured
+# of static over Coulomb friction: the Stribeck speed is that of the table, which nobody has measured
+_STATIC_EXCESS = 0.3
 # of the static friction, of the Coulomb friction: counts are coarse where it shows, and on Stribeck speeds other than
 # the table's it was up to 18 % low on independent axes
 _STATIC = 0.12
@@ -59,7 +60,7 @@ class Judgement:
         if checks:
             return ", ".join(dict.fromkeys(checks))
         low, high = self.estimates[name].interval
-        bound = (KNOWN_DAMPING if name == "damping" else KNOWN) * abs(self.estimates[name].value)
+        bound = (KNOWN_DAMPING if name == "damping" else KNOWN_INTERVAL) * abs(self.estimates[name].value)
         # that there is none, or next to none, is known too
         if name == "offset":
             bound = max(bound, _NO_OFFSET * self.estimates["coulomb"].value)
@@ -129,7 +130,7 @@ def judged_fit(fit: AxisFit, period: float) -> Judgement:
             causes.append(check_smoothing(fit, period))
         doubts = [*causes, *doubts]
     model = fit.model
-    static = math.hypot(_EXCESS * model.excess, _STATIC * model.coulomb)
+    static = math.hypot(_STATIC_EXCESS * model.excess, _STATIC * model.coulomb)
     loaded = any(term.kind == LOAD for term in fit.law.terms)
     mode = _MODE_IN_GAP if "gap" in fit.estimates else _MODE if fit.law.terms else {}
     floors = Doubt(

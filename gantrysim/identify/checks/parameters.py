@@ -29,13 +29,15 @@ from gantrysim.identify.whiteness import covariance_of, long_run_covariance
 # in each.
 
 BALANCE = "torque balance"
-UNEVEN = 0.1  # torque that remains in a part of the log, from which the friction's law is another one, of the friction
-APART = 0.1  # Coulomb friction of the predictions less that of the law, from which the mode is doubtful, of the law's
+# torque that remains in a part of the log, from which the friction's law is another one, of the friction
+UNEVEN_FRICTION = 0.1
+# Coulomb friction of the predictions less that of the law, from which the mode is doubtful, of the law's
+MODE_FRICTION = 0.1
 _WIDTH = 0.004  # standard deviation of the low-pass [s]
-_STEPS = 8  # of the torque's course in a sample
-_MOVING = 0.02  # share of the highest speed from which an axis slides
-_SLIDING = 0.9  # share of the samples around one that must be in motion
-_FEWEST = 200  # samples of a part of the log
+_SAMPLE_STEPS = 8  # of the torque's course in a sample
+_MOVING_SPEED = 0.02  # share of the highest speed from which an axis slides
+_SLIDING_SHARE = 0.9  # share of the samples around one that must be in motion
+_PART_SAMPLES = 200  # samples of a part of the log
 _MEMORY = 8  # correlation of what the low-pass leaves [widths]
 
 
@@ -64,16 +66,16 @@ def _findings(fit: AxisFit, partition: str, uneven: float) -> list[Finding]:
     coulomb = fit.model.coulomb
     predicted = fit.predicted.coulomb
     findings = []
-    if abs(predicted - coulomb) > APART * coulomb:
+    if abs(predicted - coulomb) > MODE_FRICTION * coulomb:
         reason = (
             f"the torque in steady motion gives a Coulomb friction of {coulomb:.3g} N·m, the predictions "
-            f"{predicted:.3g} N·m: must agree within {100 * APART:.0f} %"
+            f"{predicted:.3g} N·m: must agree within {100 * MODE_FRICTION:.0f} %"
         )
         findings.append(Finding(BALANCE, ("static", *MODE), reason))
-    if uneven > UNEVEN * coulomb:
+    if uneven > UNEVEN_FRICTION * coulomb:
         reason = (
             f"the friction differs with {partition} by {uneven:.2g} N·m beside {coulomb:.3g} N·m: must be within "
-            f"{100 * UNEVEN:.0f} %"
+            f"{100 * UNEVEN_FRICTION:.0f} %"
         )
         findings.append(Finding(BALANCE, (*FRICTION, *MODE), reason))
     return findings
@@ -93,11 +95,11 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
     smooth = _of_both_masses(model, smoothed(acceleration, width, starts), period, starts)
     remains = smoothed(torque - friction, width, starts) - model.inertia * smooth
     chosen = smoothed(
-        (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))).astype(np.float64), width, starts
+        (np.abs(slow) > _MOVING_SPEED * float(np.quantile(np.abs(slow), 0.99))).astype(np.float64), width, starts
     )
     # where the filter reaches beyond the piece
-    slides = (chosen > _SLIDING) & inside(slow.size, starts, round(4 * width) + 1)
-    if slides.sum() < _FEWEST:
+    slides = (chosen > _SLIDING_SHARE) & inside(slow.size, starts, round(4 * width) + 1)
+    if slides.sum() < _PART_SAMPLES:
         return None
     columns = [smooth, slow, smoothed(direction, width, starts), np.ones_like(slow)]
     memory = round(_MEMORY * width)
@@ -118,12 +120,12 @@ def _torque(fit: AxisFit, period: float) -> Floats:
 
     A second difference of the position is the acceleration's mean with triangular weights: so is this torque [N·m].
     """
-    rise = np.arange(_STEPS) + 0.5
-    weights = np.concatenate([rise, rise[::-1]]) / _STEPS**2
+    rise = np.arange(_SAMPLE_STEPS) + 0.5
+    weights = np.concatenate([rise, rise[::-1]]) / _SAMPLE_STEPS**2
 
     def around(torque: Floats) -> Floats:
-        means = effective_torque(fit.model, period, torque, _STEPS, fit.held).ravel()
-        return np.pad(np.convolve(means, weights, "valid")[::_STEPS][: torque.size - 2], 1, "edge")
+        means = effective_torque(fit.model, period, torque, _SAMPLE_STEPS, fit.held).ravel()
+        return np.pad(np.convolve(means, weights, "valid")[::_SAMPLE_STEPS][: torque.size - 2], 1, "edge")
 
     return by_piece(around, fit.torque, fit.starts)
 
@@ -155,9 +157,9 @@ FAR_INERTIA = 2.0  # ratio of the inertia to the table's, or its inverse, from w
 FRICTION_FAR = 10.0  # ratio of the Coulomb friction to the table's
 # largest half interval of static over Coulomb friction, of itself: else one has been taken for the other
 EXCESS_SEEN = 0.5
-LATEST = 10.0  # longest delay, in periods of the log
-WIDEST = 2.0  # deflection of the bristles that a gap must exceed, times: presliding looks like a smaller one
-EARLY = 0.1  # delay below zero that the torque between samples explains, of a period
+LATEST_DELAY = 10.0  # longest delay, in periods of the log
+GAP_OVER_BRISTLES = 2.0  # deflection of the bristles that a gap must exceed, times: presliding looks like a smaller one
+EARLY_DELAY = 0.1  # delay below zero that the torque between samples explains, of a period
 
 
 def _faster_drive(fit: AxisFit, delay: Estimate) -> str:
@@ -190,14 +192,14 @@ def check_plausible(fit: AxisFit, period: float, estimates: dict[str, Estimate])
         )
         findings.append(Finding(PLAUSIBILITY, (), reason))
     delay = estimates["delay"]
-    if delay.value < -EARLY * period and delay.interval[1] < 0:
+    if delay.value < -EARLY_DELAY * period and delay.interval[1] < 0:
         reason = (
             f"delay = {1e3 * delay.value:.3g} ms: must be at least 0; the motion is ahead of its torque: the torque "
             f"was logged later than the position, or filtered{_faster_drive(fit, delay)}"
         )
         findings.append(Finding(PLAUSIBILITY, (), reason))
-    if delay.interval[0] > LATEST * period:
-        reason = f"delay = {1e3 * delay.value:.3g} ms: must be at most {LATEST:g} periods of the log"
+    if delay.interval[0] > LATEST_DELAY * period:
+        reason = f"delay = {1e3 * delay.value:.3g} ms: must be at most {LATEST_DELAY:g} periods of the log"
         findings.append(Finding(PLAUSIBILITY, (), reason))
     for name, values in (("viscous", VISCOUS), ("coulomb", ("coulomb", "static"))):
         low, high = estimates[name].interval
@@ -213,10 +215,10 @@ def check_plausible(fit: AxisFit, period: float, estimates: dict[str, Estimate])
         )
         findings.append(Finding(PLAUSIBILITY, ("static",), reason))
     travel = model.deflection * model.scale
-    if "gap" in estimates and model.gap < WIDEST * travel:
+    if "gap" in estimates and model.gap < GAP_OVER_BRISTLES * travel:
         reason = (
             f"backlash is {model.gap:.2g} {fit.unit}, presliding of the friction {travel:.2g} {fit.unit}: must be at "
-            f"least {WIDEST:g} times as wide to be told from it"
+            f"least {GAP_OVER_BRISTLES:g} times as wide to be told from it"
         )
         findings.append(Finding(PLAUSIBILITY, ("gap",), reason))
     if table.coulomb > 0 and _beyond(estimates["coulomb"], table.coulomb / FRICTION_FAR, table.coulomb * FRICTION_FAR):
@@ -242,7 +244,7 @@ def _beyond(estimate: Estimate, low: float, high: float) -> bool:
 
 PARTS_OF_LOG = "parts of the log"
 LARGEST_CHANGE = 0.1  # change of a value from which it is not identified, of the value
-SIGNIFICANT = 3.0  # standard deviations from which a change counts
+SIGNIFICANT_CHANGE = 3.0  # standard deviations from which a change counts
 _NOT_JUDGED = ("viscous", "coulomb", "offset", "excess")  # reported by the torque, which has parts of its own; static
 
 
@@ -282,11 +284,11 @@ def changes_without_a_part(fit: AxisFit, period: float) -> dict[str, tuple[float
     for partition, masks in partitions(fit.position, fit.torque, fit.used, period, fit.starts).items():
         for mask in masks:
             others = ~mask[fit.used]
-            if min(others.sum(), (~others).sum()) < _FEWEST:
+            if min(others.sum(), (~others).sum()) < _PART_SAMPLES:
                 continue
             change, deviation = _without(parameters, sensitivity, others)
             for k, name in enumerate(names):
-                if deviation[k] > 0 and abs(change[k]) > SIGNIFICANT * deviation[k]:
+                if deviation[k] > 0 and abs(change[k]) > SIGNIFICANT_CHANGE * deviation[k]:
                     counted = abs(float(change[k])) * min(1.0, float(whole[k] / deviation[k]))
                     moved[name] = max(moved[name], (counted, partition))
     return moved

@@ -38,7 +38,7 @@ COUNTS = "encoder counts"
 LARGEST_JUMP = 12.0  # error of a prediction, in standard deviations of the errors in motion
 _COUNTS = 10.0  # the same, in counts of the encoder
 _MEDIAN = 0.6745  # of a normal distribution's magnitude, in standard deviations
-_APART = 0.02  # time between two losses: the predictor needs some samples to follow the first [s]
+_LOSS_INTERVAL = 0.02  # time between two losses: the predictor needs some samples to follow the first [s]
 
 
 def check_counts(fit: AxisFit, period: float) -> Doubt:
@@ -53,7 +53,7 @@ def check_counts(fit: AxisFit, period: float) -> Doubt:
     jumps = np.flatnonzero(error > bound)
     if not jumps.size:
         return Doubt({}, [])
-    losses = 1 + int((np.diff(jumps) > _APART / period).sum())
+    losses = 1 + int((np.diff(jumps) > _LOSS_INTERVAL / period).sum())
     largest = int(np.argmax(error))
     times = "once" if losses == 1 else f"{losses} times"
     reason = (
@@ -69,23 +69,23 @@ def check_counts(fit: AxisFit, period: float) -> Doubt:
 # A drive at its limit gives a flat torque too, and the fit of its motion is good. So this is said only of a fit that
 # another check doubts.
 
-CLIPPED = "clipped torque"
+CLIPPED_TORQUE = "clipped torque"
 MOST_AT_PEAK = 0.01  # share of the samples at the largest torque; a torque that is not clipped is there once or twice
-_EQUAL = 1e-6  # difference of equal torques, of the largest: logs are rounded
+_EQUAL_TORQUES = 1e-6  # difference of equal torques, of the largest: logs are rounded
 
 
 def check_clipping(fit: AxisFit) -> Doubt:
     """Return whether the torque stays at its largest value."""
     size = np.abs(fit.torque)
     largest = float(size.max())
-    share = float(np.mean(size >= largest * (1 - _EQUAL)))
+    share = float(np.mean(size >= largest * (1 - _EQUAL_TORQUES)))
     if share <= MOST_AT_PEAK:
         return Doubt({}, [])
     reason = (
         f"the torque is at its largest, ± {largest:.3g} N·m, in {100 * share:.0f} % of the samples: must be in at most "
         f"{100 * MOST_AT_PEAK:.0f} %; it is clipped: widen the range of the recorder, or excite less"
     )
-    return Doubt({}, [Finding(CLIPPED, (), reason)])
+    return Doubt({}, [Finding(CLIPPED_TORQUE, (), reason)])
 
 
 # Likely cause of a doubtful fit: a position that has passed a filter.
@@ -128,11 +128,12 @@ def check_smoothing(fit: AxisFit, period: float) -> Doubt:
 RESIDUAL = "residual"
 # of the residual, times the encoder's counts; ten times the counts' noise is coarse but harmless
 LARGEST_RESIDUAL = 15.0
-UNUSABLE = 100.0  # the same, from which the log is refused
+UNUSABLE_RESIDUAL = 100.0  # the same, from which the log is refused
 NOISE = 0.15  # largest fitted torque noise, of the torque's own deviation
-EXPLAINED = 2.0  # size of the residual from which predictions are doubtful, of that which counts and noise explain
+# size of the residual from which predictions are doubtful, of that which counts and noise explain
+EXPLAINED_RESIDUAL = 2.0
 # largest rms of the low-passed torque that the friction's law and the acceleration leave, of the torque
-BALANCED = 0.03
+BALANCED_TORQUE = 0.03
 PREDICTED = ("static", "delay", *MODE, "gap")  # values that rest on predictions alone
 
 
@@ -150,16 +151,16 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
     count = np.sqrt(12) * fit.expected
     times = float(np.std(fit.residual)) / fit.expected
     size = times / np.sqrt(12)
-    if times > UNUSABLE:
+    if times > UNUSABLE_RESIDUAL:
         raise NotIdentifiedError(
             f"axis {fit.axis}: the prediction of the position is wrong by {times_words(times, 2)} the encoder's "
-            f"counts, must be at most {UNUSABLE:.0f}: the torque did not cause this motion; check for a frozen or "
-            "skipping encoder, columns of two axes, and a log of fewer samples than the servo's"
+            f"counts, must be at most {UNUSABLE_RESIDUAL:.0f}: the torque did not cause this motion; check for a "
+            "frozen or skipping encoder, columns of two axes, and a log of fewer samples than the servo's"
         )
     if times > LARGEST_RESIDUAL:
         reason = f"the residual is {times_words(times, 2)} the encoder's counts: must be at most {LARGEST_RESIDUAL:.0f}"
         findings.append(Finding(RESIDUAL, (), reason))
-    balanced = fit.law.remainder < BALANCED * fit.law.size
+    balanced = fit.law.remainder < BALANCED_TORQUE * fit.law.size
     share = fit.noise / float(np.std(fit.torque))
     if share > NOISE:
         reason = (
@@ -167,10 +168,10 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
         )
         findings.append(Finding(RESIDUAL, PREDICTED if balanced else (), reason))
     explained = explained_residual(fit, period) / count
-    if size > EXPLAINED * explained:
+    if size > EXPLAINED_RESIDUAL * explained:
         reason = (
             f"the residual is {size:.2g} counts rms, counts and the torque's noise at rest explain {explained:.2g}: "
-            f"must be at most {EXPLAINED:g} times as much"
+            f"must be at most {EXPLAINED_RESIDUAL:g} times as much"
         )
         findings.append(Finding(RESIDUAL, PREDICTED, reason))
     colour = float(np.abs(correlation(fit.residual)).max())

@@ -11,7 +11,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
 from gantrysim.identify.checks.units import position_slips, torque_slips
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.pieces import WHOLE, Starts, by_piece
+from gantrysim.identify.pieces import WHOLE_LOG, Starts, by_piece
 from gantrysim.identify.result import MODE, AxisFit
 from gantrysim.identify.sizes import times_beside, times_words
 from gantrysim.machine.axis import Axis
@@ -54,20 +54,21 @@ def check_torque(axis: Axis, torque: Floats, ratio: float) -> None:
 # A frozen encoder, a log that repeats its last sample, or a lost count is a motion that no torque makes: the position
 # stands while the torque swings by more than friction can hold, or jumps by more than the torque can accelerate.
 
-HOLD = 6.0  # swing of the torque at rest, times the static friction: friction thrice the table's holds ± 3
+HOLDING_SWING = 6.0  # swing of the torque at rest, times the static friction: friction thrice the table's holds ± 3
 FRICTIONLESS_TORQUE = 0.1  # the same of a machine without friction, of the peak torque
-JUMP = 8.0  # change of the speed in a sample, times what the drive's peak torque gives the table's inertia: the motor
+# change of the speed in a sample, times what the drive's peak torque gives the table's inertia: the motor
+SPEED_JUMP = 8.0
 # without its load, a lighter machine and a loop that swings between its limits reach five times
 _COUNTS = 5.0  # of the encoder that a change of speed may show beside
-_STILL = 0.005  # shortest standstill that counts [s]
-_FEWEST = 5  # samples of it
+_STANDSTILL_TIME = 0.005  # shortest standstill that counts [s]
+_STANDSTILL_SAMPLES = 5  # samples of it
 _SETTLING = 2  # first samples of it, whose torque answers to the last count
 _MEAN = 3  # samples of the moving mean of the torque, against its noise
 _BANDS = 9  # places of what friction holds that are tried
 
 
 def check_encoder(
-    axis: Axis, table: AxisModel, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE
+    axis: Axis, table: AxisModel, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE_LOG
 ) -> None:
     """Refuse a position that stands still under torque, or jumps.
 
@@ -82,14 +83,16 @@ def check_encoder(
     Raises:
         NotIdentifiedError: with the time and the bound.
     """
-    bound = max(HOLD * table.static, FRICTIONLESS_TORQUE * axis.peak_torque if np.isfinite(axis.peak_torque) else 0.0)
+    bound = max(
+        HOLDING_SWING * table.static, FRICTIONLESS_TORQUE * axis.peak_torque if np.isfinite(axis.peak_torque) else 0.0
+    )
     calm = np.convolve(torque, np.ones(_MEAN) / _MEAN, "same")
     steps = np.abs(np.diff(position))
     changes = np.flatnonzero(steps) + 1
     # a log may be rounded further than the table's encoder
     count = max(axis.resolution, float(steps[steps > 0].min(initial=np.inf)) if changes.size else 0.0)
     edges = np.unique([0, *changes, *starts, position.size])
-    fewest = max(_FEWEST, round(_STILL / period))
+    fewest = max(_STANDSTILL_SAMPLES, round(_STANDSTILL_TIME / period))
     for start, end in pairwise(edges.tolist()):
         if end - start < fewest:
             continue
@@ -103,14 +106,14 @@ def check_encoder(
             )
     turns = np.abs(by_piece(lambda piece: np.pad(np.diff(piece, 2), 1), position, starts))
     strongest = axis.peak_torque if np.isfinite(axis.peak_torque) else 2 * float(np.abs(torque).max())
-    most = JUMP * strongest / table.inertia * period**2 + _COUNTS * axis.resolution
+    most = SPEED_JUMP * strongest / table.inertia * period**2 + _COUNTS * axis.resolution
     worst = int(np.argmax(turns))
     if turns[worst] > most:
         time = worst * period
         raise NotIdentifiedError(
             f"axis {axis.name}: its position jumps by {turns[worst]:.3g} {axis.unit} at {time:.4g} s of the log: "
-            f"must be at most {most:.3g} {axis.unit}, {JUMP:g} times what the drive's peak torque moves it in a sample "
-            f"and {_COUNTS:g} counts; the encoder skips, or samples are missing"
+            f"must be at most {most:.3g} {axis.unit}, {SPEED_JUMP:g} times what the drive's peak torque moves it in a "
+            f"sample and {_COUNTS:g} counts; the encoder skips, or samples are missing"
         )
 
 
@@ -197,9 +200,9 @@ def strokes(position: Floats, resolution: float) -> Floats:
 # of +45 % and a delay of -3.7 ms.
 
 CHECK = "sampling"
-FEWEST = 3.0  # samples of a stroke
+STROKE_SAMPLES = 3.0  # samples of a stroke
 # largest share of the moving samples in shorter strokes: a loop that swings at rest has 0.16, and is fitted
-SHORT = 0.25
+SHORT_STROKES = 0.25
 
 
 def check_sampling(axis: Axis, position: Floats, period: float) -> None:
@@ -211,12 +214,12 @@ def check_sampling(axis: Axis, position: Floats, period: float) -> None:
     lengths = strokes(position, axis.resolution)
     if not lengths.size:
         return
-    share = float(lengths[lengths < FEWEST].sum() / lengths.sum())
-    if share > SHORT:
+    share = float(lengths[lengths < STROKE_SAMPLES].sum() / lengths.sum())
+    if share > SHORT_STROKES:
         raise NotIdentifiedError(
-            f"axis {axis.name}: in {100 * share:.0f} % of its motion it reverses within {FEWEST - 1:.0f} samples of "
-            f"{1e3 * period:g} ms: must be at most {100 * SHORT:.0f} %; log every servo tick, with a loop that does "
-            "not oscillate"
+            f"axis {axis.name}: in {100 * share:.0f} % of its motion it reverses within {STROKE_SAMPLES - 1:.0f} "
+            f"samples of {1e3 * period:g} ms: must be at most {100 * SHORT_STROKES:.0f} %; log every servo tick, with "
+            "a loop that does not oscillate"
         )
 
 

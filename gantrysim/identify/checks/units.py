@@ -13,18 +13,18 @@ from scipy.signal import correlate
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.pieces import WHOLE, Starts, gradient, smoothed
+from gantrysim.identify.pieces import WHOLE_LOG, Starts, gradient, smoothed
 from gantrysim.identify.sizes import number_words, times_beside
 from gantrysim.machine.axis import Axis
 
 # Relation of the torque to the motion beside it: torque = J a + b v + Fc sign v + constant, low-passed.
 
-EXPLAINED = 0.5  # least share of the torque's variance that acceleration and friction explain
+EXPLAINED_VARIANCE = 0.5  # least share of the torque's variance that acceleration and friction explain
 WIDTH = 0.004  # standard deviation of the low-pass [s]
-_MOVING = 0.02  # share of the highest speed from which an axis slides
-_SLIDING = 0.9  # share of the samples around one that must be in motion
-_JUMP = 3.0  # acceleration that no motion has, of that which 98 % of the samples stay below
-_FEWEST = 500  # samples; a shorter log is refused by the regression
+_MOVING_SPEED = 0.02  # share of the highest speed from which an axis slides
+_SLIDING_SHARE = 0.9  # share of the samples around one that must be in motion
+_ACCELERATION_JUMP = 3.0  # acceleration that no motion has, of that which 98 % of the samples stay below
+_LOG_SAMPLES = 500  # samples; a shorter log is refused by the regression
 
 
 class Relation(NamedTuple):
@@ -39,19 +39,19 @@ class Relation(NamedTuple):
     inertia: float
 
 
-def relation_of(position: Floats, torque: Floats, period: float, starts: Starts = WHOLE) -> Relation | None:
+def relation_of(position: Floats, torque: Floats, period: float, starts: Starts = WHOLE_LOG) -> Relation | None:
     """Return the regression of the torque where the axis slides; None of an axis that hardly does."""
     width = WIDTH / period
-    if position.size < _FEWEST:
+    if position.size < _LOG_SAMPLES:
         return None
     speed = gradient(smoothed(position, width, starts), period, starts)
-    least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
-    slides = smoothed((np.abs(speed) > least).astype(np.float64), width, starts) > _SLIDING
-    if not least > 0 or slides.sum() < _FEWEST:
+    least = _MOVING_SPEED * float(np.quantile(np.abs(speed), 0.99))
+    slides = smoothed((np.abs(speed) > least).astype(np.float64), width, starts) > _SLIDING_SHARE
+    if not least > 0 or slides.sum() < _LOG_SAMPLES:
         return None
     acceleration = gradient(speed, period, starts)
     # jumps of the position are the matter of another check
-    slides &= np.abs(acceleration) < _JUMP * float(np.quantile(np.abs(acceleration[slides]), 0.98))
+    slides &= np.abs(acceleration) < _ACCELERATION_JUMP * float(np.quantile(np.abs(acceleration[slides]), 0.98))
     direction = smoothed(np.sign(gradient(position, 1.0, starts)), width, starts)
     A = np.stack([acceleration, speed, direction, np.ones_like(speed)], axis=1)[slides]
     smooth = smoothed(torque, width, starts)[slides]
@@ -64,10 +64,10 @@ def relation_of(position: Floats, torque: Floats, period: float, starts: Starts 
     return Relation(1 - remainder / variance, float(coefficients[0] / size[0]))
 
 
-UNUSABLE = 5.0  # ratio of the inertia to that of the table, or its inverse, from which the log is refused
+UNUSABLE_RATIO = 5.0  # ratio of the inertia to that of the table, or its inverse, from which the log is refused
 TRAVEL = 2.0  # largest travel of the log, of the axis': its table may leave out the ends
 _SAME_FACTOR = 1.5  # ratio of two factors that may be the same: machines differ from their tables by as much
-_RATED = (2.0, 5.0)  # peak torque of servo drives over the rated one
+_PEAK_OVER_RATED = (2.0, 5.0)  # peak torque of servo drives over the rated one
 
 
 def torque_slips(axis: Axis, factor: float) -> list[str]:
@@ -83,8 +83,8 @@ def torque_slips(axis: Axis, factor: float) -> list[str]:
     if math.isfinite(axis.motor_constant) and axis.motor_constant > 0:
         slips[f"A ({axis.motor_constant:g} N·m/A)"] = (1 / axis.motor_constant,) * 2
     if math.isfinite(axis.peak_torque) and axis.peak_torque > 0:
-        low = _RATED[0] / axis.peak_torque
-        high = _RATED[1] / axis.peak_torque
+        low = _PEAK_OVER_RATED[0] / axis.peak_torque
+        high = _PEAK_OVER_RATED[1] / axis.peak_torque
         slips["% of the rated torque"] = (1e2 * low, 1e2 * high)
         slips["per mille of the rated torque"] = (1e3 * low, 1e3 * high)
     return _matching(slips, factor)
@@ -138,10 +138,12 @@ def check_travel(axis: Axis, position: Floats, ratio: float) -> None:
     )
 
 
-def inertia_ratio(table: AxisModel, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE) -> float:
+def inertia_ratio(
+    table: AxisModel, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE_LOG
+) -> float:
     """Return the log's inertia over that of the table; nan where the motion does not explain the torque."""
     relation = relation_of(position, torque, period, starts)
-    if relation is None or relation.explained < EXPLAINED:
+    if relation is None or relation.explained < EXPLAINED_VARIANCE:
         return math.nan
     return relation.inertia / table.inertia
 
@@ -166,13 +168,13 @@ def check_inertia(axis: Axis, ratio: float) -> None:
         ratio: of the inertia by the regression to that of the table, as `inertia_ratio` has it.
 
     Raises:
-        NotIdentifiedError: the ratio or its inverse exceeds `UNUSABLE`.
+        NotIdentifiedError: the ratio or its inverse exceeds `UNUSABLE_RATIO`.
     """
-    if not ratio > 0 or 1 / UNUSABLE <= ratio <= UNUSABLE:
+    if not ratio > 0 or 1 / UNUSABLE_RATIO <= ratio <= UNUSABLE_RATIO:
         return
     raise NotIdentifiedError(
-        f"axis {axis.name}: the log gives {times_beside(ratio, UNUSABLE, 1 / UNUSABLE)} the inertia of the machine's "
-        f"table, must be {1 / UNUSABLE:g} to {UNUSABLE:g} times; {inertia_hint(axis, ratio)}"
+        f"axis {axis.name}: the log gives {times_beside(ratio, UNUSABLE_RATIO, 1 / UNUSABLE_RATIO)} the inertia of the "
+        f"machine's table, must be {1 / UNUSABLE_RATIO:g} to {UNUSABLE_RATIO:g} times; {inertia_hint(axis, ratio)}"
     )
 
 
@@ -181,11 +183,11 @@ def check_inertia(axis: Axis, ratio: float) -> None:
 # Acceleration and friction explain 82 % and more of the torque on healthy logs of whatever friction, 30 % and less once
 # the columns are apart by 15 ms, 2 % with the torque of another axis. The torque's unit changes nothing of that.
 
-_RELATED = 0.8  # share of the torque that is explained, from which another reading of the columns is named
-_LATEST = 0.5  # longest shift between the columns that is searched [s]
+_RELATED_SHARE = 0.8  # share of the torque that is explained, from which another reading of the columns is named
+_LONGEST_SHIFT = 0.5  # longest shift between the columns that is searched [s]
 
 
-def check_columns(axis: str, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE) -> None:
+def check_columns(axis: str, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE_LOG) -> None:
     """Refuse a torque that has not made the motion beside it, and name the confusion where another reading fits.
 
     Args:
@@ -202,8 +204,8 @@ def check_columns(axis: str, position: Floats, torque: Floats, period: float, st
     if relation is None:
         return
     percent = 100 * relation.explained
-    bound = f"must explain at least {100 * EXPLAINED:.0f} %"
-    if relation.explained >= EXPLAINED:
+    bound = f"must explain at least {100 * EXPLAINED_VARIANCE:.0f} %"
+    if relation.explained >= EXPLAINED_VARIANCE:
         if relation.inertia > 0:
             return
         raise NotIdentifiedError(
@@ -213,7 +215,7 @@ def check_columns(axis: str, position: Floats, torque: Floats, period: float, st
     shift = _shift(position, torque, period, starts)
     later = np.roll(torque, -shift)
     shifted = relation_of(position, later, period, starts)
-    if shift and shifted is not None and shifted.explained >= _RELATED and shifted.inertia > 0:
+    if shift and shifted is not None and shifted.explained >= _RELATED_SHARE and shifted.inertia > 0:
         side = "late" if shift > 0 else "early"
         raise NotIdentifiedError(
             f"axis {axis}: its acceleration explains {percent:.0f} % of its torque, {bound}: the torque is "
@@ -226,7 +228,7 @@ def check_columns(axis: str, position: Floats, torque: Floats, period: float, st
     )
 
 
-def check_swapped(axis: str, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE) -> None:
+def check_swapped(axis: str, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE_LOG) -> None:
     """Refuse columns of which each is the other's.
 
     Raises:
@@ -234,9 +236,9 @@ def check_swapped(axis: str, position: Floats, torque: Floats, period: float, st
     """
     relation = relation_of(position, torque, period, starts)
     swapped = relation_of(torque, position, period, starts)
-    if swapped is None or (relation is not None and relation.explained >= EXPLAINED):
+    if swapped is None or (relation is not None and relation.explained >= EXPLAINED_VARIANCE):
         return
-    if swapped.explained >= _RELATED and swapped.inertia > 0:
+    if swapped.explained >= _RELATED_SHARE and swapped.inertia > 0:
         raise NotIdentifiedError(
             f"axis {axis}: its columns of torque and position are swapped: read the other way round, acceleration and "
             f"friction explain {100 * swapped.explained:.0f} % of the torque"
@@ -251,5 +253,5 @@ def _shift(position: Floats, torque: Floats, period: float, starts: Starts) -> i
     smooth = smoothed(torque - torque.mean(), width, starts)
     correlation = correlate(smooth, acceleration - acceleration.mean(), "full", "fft")
     lags = np.arange(correlation.size) - (position.size - 1)
-    near = np.abs(lags) <= round(_LATEST / period)
+    near = np.abs(lags) <= round(_LONGEST_SHIFT / period)
     return int(lags[near][int(np.argmax(correlation[near]))])

@@ -12,18 +12,18 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.glue.dispenser.dispenser import JET, VALVE
-from gantrysim.identify.dispenser.fit import SHARE, DispenserFit, inverse_root, values_of
+from gantrysim.identify.dispenser.fit import READING_ERROR, DispenserFit, inverse_root, values_of
 from gantrysim.identify.dispenser.measurements import BEAD, DOTS, DROPS, RECORD, WEIGHING, Experiment
 from gantrysim.identify.dispenser.model import FLOW, LEAK, Model, needle_sizes
 
-_FACTORS = (0.5, 1.0, 2.0)  # of the settings measured so far
+_SETTING_FACTORS = (0.5, 1.0, 2.0)  # of the settings measured so far
 _RECORD_TIME = 2.0  # of a candidate record [s]
 _RECORD_ROWS = 200
 _OPEN_TIMES = (0.05, 0.1, 0.5)  # where no dots were laid [s]
-_STEP = 1e-4  # of a variable
+_VARIABLE_STEP = 1e-4  # of a variable
 _CONFIDENCE = 2.0  # standard deviations of an interval
 _LONGEST_WEIGHING = 60.0  # [s]
-_NARROWER = 0.9  # of the interval, from which a measurement narrows it
+_NARROWED_INTERVAL = 0.9  # of the interval, from which a measurement narrows it
 
 
 class Candidate(NamedTuple):
@@ -77,7 +77,7 @@ def advice_for(fit: DispenserFit, bounds: Mapping[str, float]) -> Advice | None:
     after = _ratios(information + best[0].information + best[1].information, scales)
     gains = np.log1p(before) - np.log1p(after)
     k = int(gains.argmax())
-    if after[k] > _NARROWER * before[k]:
+    if after[k] > _NARROWED_INTERVAL * before[k]:
         return None
     name = fit.parameters[k].name
     words = (best[0].words, best[1].words)
@@ -109,7 +109,8 @@ def _candidates(fit: DispenserFit) -> list[Candidate]:
     if measured.kind == JET:
         most = max(float(x.columns["drops"].max()) for x in measured.of_kind(DROPS))
         experiments = [
-            (f"the mass of {factor * most:.0f} drops", _one(fit, DROPS, drops=factor * most)) for factor in _FACTORS
+            (f"the mass of {factor * most:.0f} drops", _one(fit, DROPS, drops=factor * most))
+            for factor in _SETTING_FACTORS
         ]
     if measured.kind == VALVE and "dead_time" in fit.values:
         experiments += _dots(fit)
@@ -117,7 +118,7 @@ def _candidates(fit: DispenserFit) -> list[Candidate]:
         experiments += _records(fit)
     if measured.of_kind(BEAD):
         bead = measured.of_kind(BEAD)[0]
-        for factor in _FACTORS:
+        for factor in _SETTING_FACTORS:
             row = {name: float(np.median(x)) for name, x in bead.columns.items()}
             row["speed"] *= factor
             experiments.append((f"a bead at {row['speed']:.3g} mm/s", _one(fit, BEAD, **row)))
@@ -219,12 +220,12 @@ def _information(fit: DispenserFit, experiment: Experiment) -> Floats:
     J = np.empty((middle.size, fit.x.size))
     for k in range(fit.x.size):
         moved = fit.full.x.copy()
-        moved[k] += _STEP
-        J[:, k] = (predicted(moved) - middle) / _STEP
+        moved[k] += _VARIABLE_STEP
+        J[:, k] = (predicted(moved) - middle) / _VARIABLE_STEP
     if experiment.kind == RECORD:
-        size = np.full(middle.size, SHARE * max(float(np.ptp(middle)), 1e-12))
+        size = np.full(middle.size, READING_ERROR * max(float(np.ptp(middle)), 1e-12))
     else:
-        size = SHARE * np.maximum(np.abs(middle), 1e-12)
+        size = READING_ERROR * np.maximum(np.abs(middle), 1e-12)
     size = size * _usual_error(fit, experiment.kind)
     scaled = J / size[:, None]
     return np.asarray(scaled.T @ scaled)
@@ -236,5 +237,5 @@ def _usual_error(fit: DispenserFit, kind: str) -> float:
     for reading, error in zip(fit.readings, fit.errors, strict=True):
         if reading.experiment.kind == kind:
             scale = np.ptp(reading.values) if reading.is_even else np.abs(reading.values)
-            sizes.append(float(np.median(error.size / np.maximum(SHARE * scale, 1e-12))))
+            sizes.append(float(np.median(error.size / np.maximum(READING_ERROR * scale, 1e-12))))
     return max(float(np.median(sizes)), 0.1) if sizes else 1.0

@@ -14,19 +14,19 @@ from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.dispenser.measurements import BEAD, DOTS, DROPS, RECORD, WEIGHING, Experiment, Measurements
 from gantrysim.identify.dispenser.model import digit, needle_sizes, switches
 
-_FEWEST = {WEIGHING: 4, DOTS: 3, DROPS: 2, BEAD: 3, RECORD: 12}
-_VARIED = 1.2  # largest over smallest setting, from which it has changed
-_OPPOSED = -0.5  # rank correlation from which a quantity falls where it must rise
-_SAME = 3  # equal largest readings of a scale that is at its limit
+_FEWEST_READINGS = {WEIGHING: 4, DOTS: 3, DROPS: 2, BEAD: 3, RECORD: 12}
+_VARIED_SETTING = 1.2  # largest over smallest setting, from which it has changed
+_OPPOSED_RANKS = -0.5  # rank correlation from which a quantity falls where it must rise
+_EQUAL_READINGS = 3  # equal largest readings of a scale that is at its limit
 _NOISE = 6.0  # standard deviations beyond which a change is none of the noise
-_STILL = 5  # readings before the first switching that show a drift
+_READINGS_BEFORE = 5  # readings before the first switching that show a drift
 _DRIFT = 0.02  # of the mass, over the record
-_FASTEST = 5e3  # mean speed in a needle [mm/s]: at some metres per second glue leaves as a jet
-_SLOWEST = 0.05  # the same: some hundredths of a millimetre per second are hours for a dot
+_FASTEST_FLOW = 5e3  # mean speed in a needle [mm/s]: at some metres per second glue leaves as a jet
+_SLOWEST_FLOW = 0.05  # the same: some hundredths of a millimetre per second are hours for a dot
 _HIGHEST_PRESSURE = 2e4  # [kPa]
 _DENSITIES = (0.5, 10.0)  # [g/cm³]: of light foams to solder paste and silver glue
 _LARGEST_BEAD = 100.0  # width over gap
-_SHARE = 0.05  # of the usual mass, from which a constant one is a tare
+_TARE_SHARE = 0.05  # of the usual mass, from which a constant one is a tare
 _KILO = 1000.0
 
 
@@ -59,7 +59,7 @@ def _check_kind(measured: Measurements, experiment: Experiment) -> None:
 
 
 def _check_rows(experiment: Experiment) -> None:
-    fewest = _FEWEST[experiment.kind]
+    fewest = _FEWEST_READINGS[experiment.kind]
     if len(experiment) < fewest:
         raise NotIdentifiedError(
             f"{experiment.label}: has {len(experiment)} rows: must have at least {fewest}, as fewer leave no error to "
@@ -92,7 +92,7 @@ def _check_signs(experiment: Experiment) -> None:
 def _check_rise(experiment: Experiment, setting: str, rate: Floats, what: str) -> None:
     """Refuse a quantity that falls as its setting rises."""
     values = experiment.columns[setting]
-    if _correlation(values, rate) >= _OPPOSED:
+    if _correlation(values, rate) >= _OPPOSED_RANKS:
         return
     low = int(values.argmin())
     high = int(values.argmax())
@@ -110,11 +110,11 @@ def _correlation(x: Floats, y: Floats) -> float:
 
 def _check_varied(experiment: Experiment, setting: str, what: str) -> None:
     values = experiment.columns[setting]
-    if float(values.max()) >= _VARIED * float(values.min()):
+    if float(values.max()) >= _VARIED_SETTING * float(values.min()):
         return
     raise NotIdentifiedError(
         f"{experiment.label}: {setting} never changed, {values.min():.4g} to {values.max():.4g} in all "
-        f"{len(experiment)} rows: must differ by at least a factor of {_VARIED:g}, {what}"
+        f"{len(experiment)} rows: must differ by at least a factor of {_VARIED_SETTING:g}, {what}"
     )
 
 
@@ -122,7 +122,7 @@ def _check_saturated(experiment: Experiment, amount: Floats) -> None:
     """Refuse masses whose largest one repeats while what was dispensed still rises."""
     mass = experiment.columns["mass"]
     at_top = np.flatnonzero(mass >= float(mass.max()))
-    if at_top.size < _SAME or float(np.ptp(amount[at_top])) <= 0.1 * float(amount[at_top].min()):
+    if at_top.size < _EQUAL_READINGS or float(np.ptp(amount[at_top])) <= 0.1 * float(amount[at_top].min()):
         return
     first, last = experiment.rows[at_top[[0, -1]]].astype(int).tolist()
     raise NotIdentifiedError(
@@ -141,7 +141,11 @@ def _check_weighing(measured: Measurements, experiment: Experiment) -> None:
         return
     if not experiment.has(driver):
         raise NotIdentifiedError(f"{experiment.label}: has no column {driver}, which sets the flow elsewhere")
-    if len(experiment) >= _SAME and np.ptp(mass) == 0 and float(time.max()) >= _VARIED * float(time.min()):
+    if (
+        len(experiment) >= _EQUAL_READINGS
+        and np.ptp(mass) == 0
+        and float(time.max()) >= _VARIED_SETTING * float(time.min())
+    ):
         raise NotIdentifiedError(
             f"{experiment.label}: the mass is {mass[0]:.6g} mg in all rows, while time and {driver} differ: columns "
             "mass and time are swapped, or the scale is at its limit"
@@ -175,15 +179,15 @@ def _check_speed_in_needle(measured: Measurements, experiment: Experiment) -> No
     bore, _ = needle_sizes(experiment)
     flow = experiment.columns["mass"] / experiment.columns["time"] / measured.density
     speed = float(np.median(flow / (0.25 * np.pi * bore**2)))
-    if _SLOWEST <= speed <= _FASTEST:
+    if _SLOWEST_FLOW <= speed <= _FASTEST_FLOW:
         return
-    meant = speed * _KILO if speed < _SLOWEST else speed / _KILO
-    units = "g read as mg" if speed < _SLOWEST else "mg read as g"
-    other = "s read as ms" if speed > _FASTEST else "ms read as s"
-    hint = f"; {units}, or {other}?" if _SLOWEST <= meant <= _FASTEST else ""
+    meant = speed * _KILO if speed < _SLOWEST_FLOW else speed / _KILO
+    units = "g read as mg" if speed < _SLOWEST_FLOW else "mg read as g"
+    other = "s read as ms" if speed > _FASTEST_FLOW else "ms read as s"
+    hint = f"; {units}, or {other}?" if _SLOWEST_FLOW <= meant <= _FASTEST_FLOW else ""
     raise NotIdentifiedError(
         f"{experiment.label}: the masses are a flow of {np.median(flow):.3g} mm³/s, {speed:.3g} mm/s in the needle: "
-        f"must be {_SLOWEST:g} to {_FASTEST:g} mm/s; check the units of mass, time and bore{hint}"
+        f"must be {_SLOWEST_FLOW:g} to {_FASTEST_FLOW:g} mm/s; check the units of mass, time and bore{hint}"
     )
 
 
@@ -198,14 +202,14 @@ def _check_tare(experiment: Experiment, setting: Floats) -> None:
     matrix = np.column_stack([np.eye(count)[group] * time[:, None], np.ones(time.size)])
     scale = np.maximum(np.abs(mass), digit(mass))
     weighted = matrix / scale[:, None]
-    if np.linalg.matrix_rank(weighted) < count + 1 or time.size < count + _SAME:
+    if np.linalg.matrix_rank(weighted) < count + 1 or time.size < count + _EQUAL_READINGS:
         return
     solution, *_ = np.linalg.lstsq(weighted, mass / scale, rcond=None)
     residual = mass / scale - weighted @ solution
     free = time.size - count - 1
     variance = np.linalg.inv(weighted.T @ weighted)[-1, -1] * float(residual @ residual) / free
     offset = float(solution[-1])
-    if abs(offset) > _NOISE * np.sqrt(variance) and abs(offset) > _SHARE * float(np.median(mass)):
+    if abs(offset) > _NOISE * np.sqrt(variance) and abs(offset) > _TARE_SHARE * float(np.median(mass)):
         raise NotIdentifiedError(
             f"{experiment.label}: {offset:.3g} mg of the masses do not grow with the time: the scale was not tared, or "
             "the cup was weighed too"
@@ -255,7 +259,7 @@ def _check_bead(measured: Measurements, experiment: Experiment) -> None:
         if not experiment.has(name):
             continue
         values = experiment.columns[name]
-        if is_alone and _correlation(speed, values) > -_OPPOSED:
+        if is_alone and _correlation(speed, values) > -_OPPOSED_RANKS:
             raise NotIdentifiedError(
                 f"{experiment.label}: the {name} grows with the speed at one flow: must fall; the columns speed and "
                 f"{name} are swapped, or in another order"
@@ -318,12 +322,12 @@ def _check_scale(measured: Measurements, experiment: Experiment) -> None:
     at_top = mass >= float(mass.max())
     top = np.flatnonzero(at_top)
     busy = top[active[top]]
-    if busy.size >= max(_SAME, 0.1 * active.sum()) and np.all(at_top[top[0] :]):
+    if busy.size >= max(_EQUAL_READINGS, 0.1 * active.sum()) and np.all(at_top[top[0] :]):
         raise NotIdentifiedError(
             f"{experiment.label}: the mass stays at exactly {mass.max():.6g} mg from row "
             f"{int(experiment.rows[top[0]])} while the dispenser is on: the scale is at its limit"
         )
-    if first < _STILL:
+    if first < _READINGS_BEFORE:
         return
     time = experiment.columns["time"]
     slope, deviation = _slope(time[:first], mass[:first])

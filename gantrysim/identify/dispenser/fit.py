@@ -33,18 +33,18 @@ from gantrysim.identify.dispenser.start import starts
 from gantrysim.identify.whiteness import LAGS
 
 NONE = {YIELD: 0.0, LEAK: 0.0, INDEX: 1.0}  # values of a term that a dispenser has not
-SHARE = 0.01  # usual error of a reading, of its value
+READING_ERROR = 0.01  # usual error of a reading, of its value
 _PASSES = 3  # in which the errors' sizes are solution
 _TOLERANCE = 1e-7  # relative, of the sum of squares and of the variables
 _DIGIT = 12**-0.5  # standard deviation of rounding to a digit
 _LEAST_FREEDOM = 1.0
-_WRONG = 1e6  # residual of values that no needle has
+_WRONG_RESIDUAL = 1e6  # residual of values that no needle has
 _CONFIDENCE = 0.95
-_STEP = 1e-4  # of a variable, for the derivative of a value
+_DERIVATIVE_STEP = 1e-4  # of a variable, for the derivative of a value
 _LEAST_WEIGHT = 1e-4  # probability of a choice that counts
 _WEIGHT_OF_ALL = 0.1  # least probability of the choice with every term
 _MOST_STEPS = 60
-_TRIED = 2  # of the starts, those from which a search is made
+_SEARCHED_STARTS = 2  # of the starts, those from which a search is made
 
 
 class Errors(NamedTuple):
@@ -136,7 +136,12 @@ class DispenserFit:
         for choice in choices:
             weight = choice.weight / whole_weight
             value = function(choice.x)
-            gradient = np.array([(function(choice.x + step) - value) / _STEP for step in _STEP * np.eye(self.x.size)])
+            gradient = np.array(
+                [
+                    (function(choice.x + step) - value) / _DERIVATIVE_STEP
+                    for step in _DERIVATIVE_STEP * np.eye(self.x.size)
+                ]
+            )
             variance += weight * (float(gradient @ choice.covariance @ gradient) + (value - middle) ** 2)
             shares = gradient**2 * np.diag(choice.covariance)
             whole = float(shares.sum())
@@ -234,7 +239,7 @@ class _Search(NamedTuple):
                     predicted[key] = {}
             prediction = predicted[key].get(reading.quantity)
             if prediction is None or not np.isfinite(prediction).all():
-                differences.append(np.full(reading.values.size, _WRONG * (1 + np.abs(reading.values).max())))
+                differences.append(np.full(reading.values.size, _WRONG_RESIDUAL * (1 + np.abs(reading.values).max())))
                 continue
             difference = prediction - reading.values
             differences.append(difference - difference.mean() if reading.has_offset else difference)
@@ -250,7 +255,7 @@ class _Search(NamedTuple):
         def cost(x: Floats) -> float:
             return float(sum(np.sum((d / e.size) ** 2) for d, e in zip(self.differences(x), errors, strict=True)))
 
-        return sorted(points, key=cost)[:_TRIED]
+        return sorted(points, key=cost)[:_SEARCHED_STARTS]
 
     def minimum(self, absent: frozenset[str], errors: tuple[Errors, ...], begins: Sequence[Floats]) -> Minimum:
         """Return the best variables without some terms."""
@@ -297,8 +302,8 @@ class _Search(NamedTuple):
     def _shape(self, reading: Reading, values: Floats) -> Floats:
         """Return the shape of the errors: of one size over time, else growing with the value, but for the digits."""
         if reading.is_even:
-            return np.full(values.size, SHARE * max(float(np.ptp(reading.values)), reading.least))
-        return np.hypot(SHARE * values, reading.least)
+            return np.full(values.size, READING_ERROR * max(float(np.ptp(reading.values)), reading.least))
+        return np.hypot(READING_ERROR * values, reading.least)
 
     def errors(self, minimum: Minimum) -> tuple[Errors, ...]:
         """Return the errors that a minimum leaves."""

@@ -42,7 +42,7 @@ from gantrysim.identify.dispenser.model import (
     needle_with,
     sample_interval,
 )
-from gantrysim.identify.result import KNOWN, KNOWN_DAMPING
+from gantrysim.identify.result import KNOWN_DAMPING, KNOWN_INTERVAL
 
 OFFSET = "open_time_offset"
 LAG = "lag"
@@ -50,7 +50,7 @@ VISCOSITY = "viscosity"
 FLOW_AT_PRESSURE = "flow_at_pressure"
 
 # values that follow from the parameters: unit and words
-DERIVED = {
+DERIVED_VALUES = {
     OFFSET: ("s", "glue flows longer than the command, by"),
     LAG: ("s", "lag of small changes"),
     VISCOSITY: ("Pa·s", "viscosity at the middle stress"),
@@ -64,8 +64,8 @@ GROUPS = (
     (PUMP_COMPLIANCE, COMPLIANCE, LAG),
     (CONTACT_ANGLE,),
 )
-_BOUNDS = {YIELD: 0.25, LEAK: KNOWN_DAMPING}  # largest half interval, of the value; of the others `KNOWN`
-_UNEXPLAINED = 0.15  # largest share of a reading that the law may leave
+_BOUNDS = {YIELD: 0.25, LEAK: KNOWN_DAMPING}  # largest half interval, of the value; of the others `KNOWN_INTERVAL`
+_UNEXPLAINED_SHARE = 0.15  # largest share of a reading that the law may leave
 _SHARE_OF_DOT = 0.1  # half interval of the open-time offset that is known, of the shortest open time
 _UNKNOWN = 10.0  # half interval from which no measurement bears on a value, of the value
 
@@ -75,7 +75,7 @@ class DispenserValue:
     """A value of a dispenser with its confidence.
 
     Attributes:
-        name: key of a job's table [dispenser] or, the contact angle, [bead]; or a name of `DERIVED`.
+        name: key of a job's table [dispenser] or, the contact angle, [bead]; or a name of `DERIVED_VALUES`.
         label: in words.
         unit: of the value.
         value: fitted.
@@ -228,7 +228,7 @@ class DispenserIdentification:
         return names
 
     def _bound(self, name: str) -> float:
-        return _BOUNDS.get(name, KNOWN)
+        return _BOUNDS.get(name, KNOWN_INTERVAL)
 
     def _slack(self, name: str) -> float:
         """Return the half interval within which a time is known, whatever its value [s]."""
@@ -251,7 +251,7 @@ class DispenserIdentification:
 
     def _derived(self, name: str) -> DispenserValue:
         """Return a value that follows from the parameters; its logarithm is normal where it is above zero."""
-        unit, label = DERIVED[name]
+        unit, label = DERIVED_VALUES[name]
         is_log = name != OFFSET
 
         def function(x: Floats) -> float:
@@ -341,5 +341,5 @@ def identify_dispenser(
     """
     check_measurements(measured)
     fit = fit_dispenser(measured, progress)
-    check_explained(fit, _UNEXPLAINED)
+    check_explained(fit, _UNEXPLAINED_SHARE)
     return DispenserIdentification(fit)

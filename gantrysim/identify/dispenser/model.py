@@ -42,7 +42,7 @@ RHEOLOGY = (CONSISTENCY, INDEX, YIELD)
 TIMES = (DEAD_TIME, CLOSING_DEAD_TIME, OPENING, CLOSING)
 EDGES = (RISING, FALLING)
 
-_SETTLED = 40.0  # time constants after which a lag has settled
+_SETTLED_CONSTANTS = 40.0  # time constants after which a lag has settled
 _CELLS = 1500  # of the record of a driven dispenser, least number
 _MOST_CELLS = 20_000
 _HALVINGS = 50
@@ -296,7 +296,7 @@ class Model(NamedTuple):
             open_time: time between the commands on and off [s].
         """
         flows_for = max(open_time + values[CLOSING_DEAD_TIME] - values[DEAD_TIME], 0.0)
-        durations = np.array([flows_for, _SETTLED * values[CLOSING] + 1e-9])
+        durations = np.array([flows_for, _SETTLED_CONSTANTS * values[CLOSING] + 1e-9])
         return float(self._volumes(values, experiment, row, durations, np.array([1.0, 0.0])).sum())
 
     def _volumes(

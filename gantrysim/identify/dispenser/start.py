@@ -30,10 +30,10 @@ from gantrysim.identify.dispenser.model import (
 
 _INDICES = (1.0, 0.5)
 _YIELDS = (0.0, 0.5)  # of the least stress at which glue flowed
-_TIMES = (0.02, 0.1, 0.3)  # of the span of a record's stretch, or of an open time
+_START_TIMES = (0.02, 0.1, 0.3)  # of the span of a record's stretch, or of an open time
 _COMPLIANCES = (0.001, 0.01, 0.1, 1.0)  # [mm³/kPa]
-_ROUND = 0.6  # section of a bead over width times height
-_FLOWING = 1e-2  # of the largest flow, from which glue flows
+_SECTION_SHAPE = 0.6  # section of a bead over width times height
+_FLOWING_SHARE = 1e-2  # of the largest flow, from which glue flows
 
 
 def starts(measured: Measurements) -> list[dict[str, float]]:
@@ -43,7 +43,7 @@ def starts(measured: Measurements) -> list[dict[str, float]]:
     span = _span(measured)
     lags = [
         {DEAD_TIME: a * span, CLOSING_DEAD_TIME: a * span, OPENING: b * span, CLOSING: b * span}
-        for a, b in product(_TIMES, _TIMES)
+        for a, b in product(_START_TIMES, _START_TIMES)
     ]
     compliances = [{COMPLIANCE: size, PUMP_COMPLIANCE: size} for size in _COMPLIANCES]
     dynamics = lags if measured.kind == "valve" else compliances
@@ -103,7 +103,7 @@ def _flow(x: Experiment, density: float) -> Floats:
     if x.kind == BEAD:
         width = x.columns["width" if x.has("width") else "height"]
         height = x.columns.get("height", x.columns.get("gap", width))
-        return np.asarray(_ROUND * x.columns["speed"] * width * np.minimum(height, width))
+        return np.asarray(_SECTION_SHAPE * x.columns["speed"] * width * np.minimum(height, width))
     time = x.columns["time"]
     command = x.columns.get("command", np.ones(time.size))
     on = command > 0.5 * float(command.max())
@@ -120,7 +120,7 @@ def _rheologies(measured: Measurements, density: float) -> list[dict[str, float]
         return [{CONSISTENCY: 50.0, INDEX: index, YIELD: 0.0} for index in _INDICES]
     x = rows[0]
     flow = np.broadcast_to(_flow(x, density), len(x))
-    flows = flow > _FLOWING * float(flow.max())
+    flows = flow > _FLOWING_SHARE * float(flow.max())
     stress = wall_stress(x)
     least = float(stress[flows].min())
     order = np.flatnonzero(flows)[np.argsort(stress[flows])]

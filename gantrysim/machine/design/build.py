@@ -72,7 +72,7 @@ ARRANGEMENTS: dict[str, Callable[[MachineTable], TableMjcf]] = {
     "tandem": tandem,
     "corexy": corexy,
 }
-_STEP = 2.5e-4  # longest physics step [s]
+_LONGEST_STEP = 2.5e-4  # longest physics step [s]
 # largest angle by which the fastest mode turns in a physics step [rad]; smaller with a stepper in open loop, whose
 # field only friction damps: half the error of its torque
 _PER_STEP = 1.0
@@ -89,7 +89,7 @@ def _text(mjcf: Mjcf, drives: Iterable[Drive | None]) -> str:
     frequencies, _ = modes(mujoco.MjModel.from_xml_string(mjcf.text()))
     field_rates = [drive.field_rate for drive in drives if drive is not None]
     fastest = max(2 * math.pi * float(frequencies.max(initial=0.0)), *field_rates)
-    step = _STEP
+    step = _LONGEST_STEP
     largest_angle = _PER_STEP_UNDAMPED if any(field_rates) else _PER_STEP
     # halved, so that it stays a fraction of usual servo periods
     while fastest * step > largest_angle:

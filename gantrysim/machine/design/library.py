@@ -35,7 +35,7 @@ from gantrysim.machine.design.settings import NotNegative, Positive, Table, key
 PER_RMS = math.sqrt(1.5)  # current of the equivalent DC motor per rms current of a phase
 _KRPM = 1e3 * 2 * math.pi / 60  # [rad/s]
 # relative difference of the two constants of a data sheet that is accepted: one is measured warm, one cold
-_SAME = 0.1
+_SAME_CONSTANTS = 0.1
 # a data sheet's voltage constant of another kind, relative to rms between two phases
 _KINDS = {
     "rms from phase to neutral, give sqrt(3) times it": 1 / math.sqrt(3),
@@ -101,9 +101,9 @@ class AcServo(Table):
             return
         expected = self.torque_constant_rms / math.sqrt(3) * _KRPM
         ratio = self.voltage_constant_rms / expected
-        if abs(ratio - 1) <= _SAME:
+        if abs(ratio - 1) <= _SAME_CONSTANTS:
             return
-        likely = [kind for kind, factor in _KINDS.items() if abs(ratio / factor - 1) <= _SAME]
+        likely = [kind for kind, factor in _KINDS.items() if abs(ratio / factor - 1) <= _SAME_CONSTANTS]
         cause = f"it looks like the {likely[0]}" if likely else "correct one of them, or leave one out"
         raise InputError(
             f"voltage_constant_rms = {self.voltage_constant_rms:g} V/krpm: torque_constant_rms = "
@@ -138,7 +138,7 @@ class AcServo(Table):
 
 
 RPM = 2 * math.pi / 60  # [rad/s]
-CONSISTENT = 0.015  # relative difference of a stated no-load speed or stall torque and the one computed
+CONSISTENT_RATING = 0.015  # relative difference of a stated no-load speed or stall torque and the one computed
 AC_SERVO: Final = "ac servo"
 _ANGLES = np.linspace(0, np.pi / 2, 721)  # of the current ahead of the torque-producing axis
 
@@ -219,7 +219,7 @@ class Motor(Table):
         stated = (("no_load_speed", self.no_load_speed, "rpm"), ("stall_torque", self.stall_torque, "N·m"))
         for name, value, unit in stated:
             computed = self.computed_ratings[name]
-            if value is not None and abs(value - computed) > CONSISTENT * computed:
+            if value is not None and abs(value - computed) > CONSISTENT_RATING * computed:
                 raise InputError(
                     f"{name} = {value:g} {unit}: voltage, constant, resistance and no-load current give "
                     f"{computed:.4g} {unit}; correct one of them or leave {name} out"

@@ -21,9 +21,9 @@ from gantrysim.machine.geometry import SCREWS
 _STEEL = 7850.0  # density [kg/m³]
 Arrangement = Literal["bridge", "table", "cantilever", "tandem", "corexy"]
 Mode = Literal["torque", "velocity", "position", "stepper"]
-_HALF = 0.5  # share of its torque at rest that a stepper keeps at the default speed
+_TORQUE_SHARE = 0.5  # share of its torque at rest that a stepper keeps at the default speed
 _MICROSTEPS = 16
-_SHARE = 0.8  # of the no-load speed that the default speed uses
+_SPEED_SHARE = 0.8  # of the no-load speed that the default speed uses
 
 
 class _Transmission(Table):
@@ -287,17 +287,17 @@ class Drive(Table):
         leaves half of its peak torque.
         """
         motor = self.known_motor
-        fastest = min(motor.max_speed * RPM, _SHARE * self.voltage / motor.K)
+        fastest = min(motor.max_speed * RPM, _SPEED_SHARE * self.voltage / motor.K)
         if not motor.steps:
             return fastest
         low = 0.0
         high = fastest
         peak = motor.K * self.peak_current
-        if motor.torque_at(high, self.voltage, self.peak_current) >= _HALF * peak:
+        if motor.torque_at(high, self.voltage, self.peak_current) >= _TORQUE_SHARE * peak:
             return high
         for _ in range(40):
             middle = 0.5 * (low + high)
-            if motor.torque_at(middle, self.voltage, self.peak_current) >= _HALF * peak:
+            if motor.torque_at(middle, self.voltage, self.peak_current) >= _TORQUE_SHARE * peak:
                 low = middle
             else:
                 high = middle

@@ -24,13 +24,13 @@ _HEIGHT = 0.2  # of the nozzle above the floor with all axes at zero, as of the 
 _DIRECTIONS = {"x": X, "y": Y, "z": Z}
 _MESHES = (".stl", ".obj", ".msh")  # that MuJoCo reads
 _THICKNESS = 0.004  # half that of the plate of the work [m]
-_MARGIN = 0.01  # of that plate beyond the travel [m]
+_PLATE_MARGIN = 0.01  # of that plate beyond the travel [m]
 _PREFIX = "urdf/"  # of the bodies of the URDF
 _PART_OF_NEEDLE = ("needle", "nozzle")
 
 SUFFIX = ".urdf"
 _SLIDE = "prismatic"
-_MOVING = (_SLIDE, "revolute", "continuous", "planar", "floating")
+_MOVING_JOINTS = (_SLIDE, "revolute", "continuous", "planar", "floating")
 _NAMED = 12  # links or joints that a message lists
 
 
@@ -286,7 +286,7 @@ def _work(
         "geom",
         name="piece",
         pos=(0.5 * M * (x0 + x1), 0.5 * M * (y0 + y1), -M * table.gap - _THICKNESS),
-        size=(0.5 * M * (x1 - x0) + _MARGIN, 0.5 * M * (y1 - y0) + _MARGIN, _THICKNESS),
+        size=(0.5 * M * (x1 - x0) + _PLATE_MARGIN, 0.5 * M * (y1 - y0) + _PLATE_MARGIN, _THICKNESS),
     )
 
 
@@ -411,7 +411,7 @@ def _check_names(table: UrdfTable, root: Element) -> None:
             raise InputError(f"{name}.joint = {axis.joint!r}: is {kinds[axis.joint]}, must be prismatic")
     driven = {axis.joint for axis in table.axes.values()}
     for joint, kind in kinds.items():
-        if kind in _MOVING and joint not in driven:
+        if kind in _MOVING_JOINTS and joint not in driven:
             raise InputError(f"joint {joint!r} of {table.urdf} is {kind} and no axis drives it: make it fixed there")
 
 

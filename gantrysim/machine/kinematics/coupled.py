@@ -12,7 +12,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.machine.kinematics.base import Coordinate, Kinematics, per_si_of
 
-_SINGULAR = 1e-9  # smallest singular value of the coupling, relative to the largest
+_SINGULAR_VALUE = 1e-9  # smallest singular value of the coupling, relative to the largest
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -107,7 +107,7 @@ class Coupled(Kinematics):
 
 def _singular(matrix: Floats) -> bool:
     values = np.linalg.svd(matrix, compute_uv=False)
-    return bool(values[-1] <= _SINGULAR * values[0])
+    return bool(values[-1] <= _SINGULAR_VALUE * values[0])
 
 
 def _tendons(model: mujoco.MjModel) -> tuple[Floats, Floats]:

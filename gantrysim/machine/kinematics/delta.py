@@ -31,7 +31,7 @@ LEAST_ANGLE = 5.0  # between arm and rod in the arm's plane, and a straight line
 LEAST_VOLUME = 0.1  # det of the rods' unit vectors, 1 where they are at right angles to each other
 
 _ARMS = 3
-_SAME = 1e-6  # of directions
+_SAME_DIRECTION = 1e-6  # of directions
 _AXES = "xyz"
 
 
@@ -94,7 +94,7 @@ class Delta(Kinematics):
         frame = data.xmat[work].reshape(3, 3).T
         home = MM * frame @ (data.site_xpos[nozzle] - data.xpos[work])
         slides = data.xaxis[list(followers)].copy()
-        if np.abs(frame @ slides.T - np.eye(3)).max() > _SAME:
+        if np.abs(frame @ slides.T - np.eye(3)).max() > _SAME_DIRECTION:
             raise InputError("kinematics 'delta': the slides of its platform must be along x, y and z of the work")
         shoulder = MM * data.xanchor[hinges]
         elbow_at = MM * data.site_xpos[[elbow for _, elbow, _ in rods]]

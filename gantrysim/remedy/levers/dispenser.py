@@ -14,9 +14,9 @@ from gantrysim.remedy.lever import FREE, Effort, Lever, Setting, State, factor_t
 from gantrysim.results.verdict import GLUE
 
 _TICK = 1e-4  # times are set to a tenth of a millisecond [s]
-_FASTER = (0.5, 0.25)
-_TIMES = ("dead_time", "closing_dead_time", "opening", "closing")
-_FITTED = ("start_lead", "stop_lead", "advance")  # fitted to those times
+_FASTER_VALVES = (0.5, 0.25)
+_VALVE_TIMES = ("dead_time", "closing_dead_time", "opening", "closing")
+_FITTED_LEADS = ("start_lead", "stop_lead", "advance")  # fitted to those times
 
 
 def _ticks(seconds: float) -> float:
@@ -69,15 +69,15 @@ def _leads(state: State) -> list[Setting] | str:
 
 def _faster(state: State) -> list[Setting] | str:
     dispenser = state.job.dispenser
-    if not any(getattr(dispenser, name) for name in _TIMES):
+    if not any(getattr(dispenser, name) for name in _VALVE_TIMES):
         return "the dispenser follows its command at once"
-    times = {name: getattr(dispenser, name) for name in (*_TIMES, *_FITTED)}
+    times = {name: getattr(dispenser, name) for name in (*_VALVE_TIMES, *_FITTED_LEADS)}
     return [
         Setting(
             factor_text(factor),
             {f"dispenser.{name}": rounded_number(factor * time) for name, time in times.items() if time},
         )
-        for factor in _FASTER
+        for factor in _FASTER_VALVES
     ]
 
 

@@ -28,7 +28,8 @@ from gantrysim.study.speed.study import speed_changes
 
 _RAMPS = (0.25, 0.5, 2.0, 4.0)
 _CORNERS = (0.25, 0.5, 2.0)
-_ROUNDED = (0.8, 0.5, 0.25)  # tolerances of corners that have none, relative to the largest contour error accepted
+# tolerances of corners that have none, relative to the largest contour error accepted
+_CORNER_TOLERANCES = (0.8, 0.5, 0.25)
 
 
 def _is_limited(value: object) -> bool:
@@ -63,7 +64,7 @@ def _corners(state: State) -> list[Setting] | str:
     verdict = state.outcome.verdict
     if value == math.inf and controller.corner_cut > 0 and verdict is not None:
         limits = [1e-3 * check.limit for check in verdict[PATH].checks if check.name == "path_max"]
-        distances = [float(f"{share * limit:.2g}") for limit in limits for share in _ROUNDED]
+        distances = [float(f"{share * limit:.2g}") for limit in limits for share in _CORNER_TOLERANCES]
         return [Setting(f"within {distance:g} mm by G64 P", {f"program.{name}": distance}) for distance in distances]
     if value == math.inf:
         return "no corner of the program is rounded without a tolerance"
@@ -91,8 +92,8 @@ CORNERS = Lever(
 )
 
 
-_SLOWER = (0.84, 0.71, 0.5)
-_FASTER = (1.41,)
+_SLOWER_FACTORS = (0.84, 0.71, 0.5)
+_FASTER_FACTORS = (1.41,)
 
 
 def _at_factors(factors: tuple[float, ...]) -> Callable[[State], list[Setting] | str]:
@@ -112,7 +113,7 @@ SLOWER = Lever(
     meaning="speed of the program, with the flow that keeps the bead's section",
     cost="cycle time",
     rows=(PATH, GLUE, MACHINE),
-    settings=_at_factors(_SLOWER),
+    settings=_at_factors(_SLOWER_FACTORS),
     effort=Effort.PROCESS,
 )
 FASTER = Lever(
@@ -120,7 +121,7 @@ FASTER = Lever(
     meaning="speed of the program, with the flow that keeps the bead's section",
     cost="following error",
     rows=(GLUE,),
-    settings=_at_factors(_FASTER),
+    settings=_at_factors(_FASTER_FACTORS),
 )
 
 

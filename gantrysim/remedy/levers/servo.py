@@ -18,26 +18,26 @@ from gantrysim.servo.laws.law import Law
 from gantrysim.servo.laws.selection import is_own
 from gantrysim.servo.stability.motion import MODES
 
-_SHORTER = (0.5, 0.3)  # integral times, of the present one
+_SHORTER_TIMES = (0.5, 0.3)  # integral times, of the present one
 _FREQUENCIES = (0.8, 1.2, 1.4)  # of the present one
-_GIVEN = "the gains of the loop are given in the job"
+_GIVEN_GAINS = "the gains of the loop are given in the job"
 
 
 def _integral(state: State) -> list[Setting] | str:
     servo = state.job.servo
     if has_loop_gains(dict(servo)):
-        return _GIVEN
+        return _GIVEN_GAINS
     if PD.name in state.job.built_servo.laws.names:
         return "the law pd has no integral term"
     time = float(servo.integral_time)
-    times = [INTEGRAL_TIME] if math.isinf(time) else [rounded_number(share * time) for share in _SHORTER]
+    times = [INTEGRAL_TIME] if math.isinf(time) else [rounded_number(share * time) for share in _SHORTER_TIMES]
     return [Setting(milliseconds(value), {"servo.integral_time": value}) for value in times]
 
 
 def _frequency(state: State) -> list[Setting] | str:
     servo = state.job.servo
     if has_loop_gains(dict(servo)):
-        return _GIVEN
+        return _GIVEN_GAINS
     built = state.job.built_servo
     if set(built.modes) != {MODES[0]}:
         return "the drives close the loops themselves"

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from gantrysim.base.errors import positive
 
 # speeds that keys reach
-SLOWEST = 1e-3
-FASTEST = 1e3
-_SPAN = 1.0  # of the wall clock, over which the pace is taken [s]
+SLOWEST_PACE = 1e-3
+FASTEST_PACE = 1e3
+_PACE_SPAN = 1.0  # of the wall clock, over which the pace is taken [s]
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class Clock:
 
     def scaled(self, factor: float, now: float) -> Clock:
         """Return the clock with its speed multiplied, within SLOWEST to FASTEST, without a jump."""
-        slowest = min(SLOWEST, self.speed)
-        fastest = max(FASTEST, self.speed)
+        slowest = min(SLOWEST_PACE, self.speed)
+        fastest = max(FASTEST_PACE, self.speed)
         return replace(self.moved(self.at(now), now), speed=min(max(self.speed * factor, slowest), fastest))
 
 
@@ -73,7 +73,7 @@ class Pace:
     def note(self, now: float, moment: float) -> None:
         """Record the moment shown at a time of the wall clock [s]."""
         self._shown.append((now, moment))
-        while len(self._shown) > 2 and now - self._shown[1][0] >= _SPAN:
+        while len(self._shown) > 2 and now - self._shown[1][0] >= _PACE_SPAN:
             self._shown.popleft()
 
     def reset(self) -> None:
@@ -87,4 +87,4 @@ class Pace:
             return None
         start, first = self._shown[0]
         end, last = self._shown[-1]
-        return (last - first) / (end - start) if end - start >= _SPAN else None
+        return (last - first) / (end - start) if end - start >= _PACE_SPAN else None

@@ -17,15 +17,15 @@ from gantrysim.render.view.texts import Chart, ViewState, moment_texts
 from gantrysim.render.view.window import ViewerWindow, WindowClosedError
 
 # GLFW's key codes
-_SPACE = 32
+_SPACE_KEY = 32
 _BACKSPACE = 259
 _RIGHT = 262
 _LEFT = 263
 _DOWN = 264
-_UP = 265
+_UP_KEY = 265
 _HOME = 268
 _PERIOD = 1 / 60  # of pictures, at best [s]
-_JUMP = 1.0  # of the arrow keys [s]
+_ARROW_JUMP = 1.0  # of the arrow keys [s]
 _ALL_KEYS = 10.0  # for which all keys are listed at the beginning; later only while paused [s]
 
 
@@ -123,16 +123,16 @@ class Player:
 
     def _act(self, key: int) -> None:
         now = self._wall.now()
-        if key == _SPACE:
+        if key == _SPACE_KEY:
             self.clock = self.clock.toggled(now)
-        elif key in (_UP, _DOWN):
-            self.clock = self.clock.scaled(2.0 if key == _UP else 0.5, now)
+        elif key in (_UP_KEY, _DOWN):
+            self.clock = self.clock.scaled(2.0 if key == _UP_KEY else 0.5, now)
         elif key in (_HOME, _BACKSPACE):
             self._source.restart()
             self.clock = self.clock.moved(0.0, now)
             self._shown = None
         elif key in (_LEFT, _RIGHT) and not self._source.live:
-            self.clock = self.clock.moved(self.clock.at(now) + (_JUMP if key == _RIGHT else -_JUMP), now)
+            self.clock = self.clock.moved(self.clock.at(now) + (_ARROW_JUMP if key == _RIGHT else -_ARROW_JUMP), now)
         else:
             return
         self._pace.reset()

@@ -20,7 +20,7 @@ from gantrysim.render.view.source import Source
 Row = tuple[str, str]
 
 _WIDTH = 44  # of a line of a fault message
-_BEHIND = 0.9  # of the requested speed, below which the actual one is shown
+_BEHIND_PACE = 0.9  # of the requested speed, below which the actual one is shown
 # the viewer's font is limited to ASCII
 _ASCII = str.maketrans({"µ": "u", "·": " ", "²": "2", "³": "3", "°": " deg", "–": "-", "−": "-", "×": "x"})
 
@@ -43,10 +43,10 @@ LIVE_KEYS = (
 )
 _HINT = ("Space", "pause and show keys")
 
-POINTS = 1000  # that a line of MuJoCo's holds
+LINE_POINTS = 1000  # that a line of MuJoCo's holds
 _LINES = 99  # the last is the mark of the present
 _LEAST_RANGE = 1.0  # range of the error axis [µm]
-_STEPS = 6  # of the time axis, at most
+_AXIS_STEPS = 6  # of the time axis, at most
 _INK = (0.99, 0.63, 0.15)
 _MARK = (0.9, 0.9, 0.9)
 
@@ -92,7 +92,7 @@ def moment_texts(name: str, source: Source, telemetry: Telemetry, view: ViewStat
     ended = source.over
     time = float(telemetry.time[tick])
     error = float(telemetry.error[tick])
-    behind = not (paused or ended) and pace is not None and pace < _BEHIND * clock.speed
+    behind = not (paused or ended) and pace is not None and pace < _BEHIND_PACE * clock.speed
     values = [
         ("live" if source.live else "replay", plain(name)),
         ("time", f"{time:.2f} of {max(source.until, time):.2f} s"),
@@ -121,7 +121,7 @@ def plain(text: str) -> str:
     return text.replace("µm", "micron").translate(_ASCII).encode("ascii", "replace").decode()
 
 
-def thinned_curve(time: Floats, value: Floats, points: int = POINTS) -> tuple[Floats, Floats]:
+def thinned_curve(time: Floats, value: Floats, points: int = LINE_POINTS) -> tuple[Floats, Floats]:
     """Return at most so many points of a curve, at least 2, with the extreme values of every part of it.
 
     Time is rising, (n,), the values are finite, (n,).
@@ -138,7 +138,7 @@ def thinned_curve(time: Floats, value: Floats, points: int = POINTS) -> tuple[Fl
     return time[extremes], value[extremes]
 
 
-def lines(time: Floats, value: Floats, points: int = POINTS, most: int = _LINES) -> list[tuple[Floats, Floats]]:
+def lines(time: Floats, value: Floats, points: int = LINE_POINTS, most: int = _LINES) -> list[tuple[Floats, Floats]]:
     """Return a curve with gaps as separate lines, of at most so many points together.
 
     Time is rising, (n,), the values are nan in the gaps, (n,). Gaps are bridged where there would be more lines than
@@ -188,7 +188,7 @@ class Chart:
         figure = self.figure
         largest = float(np.nanmax(error)) if np.isfinite(error).any() else 0.0
         end = max(until, float(time[-1]), 1e-3)
-        step = round_step(end / _STEPS)
+        step = round_step(end / _AXIS_STEPS)
         steps = math.ceil(end / step - 1e-9)
         top = round_step(max(largest, _LEAST_RANGE))
         figure.range[0] = (0, steps * step)

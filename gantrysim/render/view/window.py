@@ -81,7 +81,7 @@ def _message(warning: str) -> str:
     return text.removeprefix("b").strip("'\"")
 
 
-_SIZE = (1000, 720)  # of the window at first [pixels of the screen]
+_FIRST_SIZE = (1000, 720)  # of the window at first [pixels of the screen]
 _MOST_GEOMS = 2000
 _LEAST_DISTANCE = 0.1  # least distance of the free camera's look-at point, of the machine's size
 _DOUBLE_CLICK = 0.3  # longest time between its clicks [s]
@@ -89,7 +89,7 @@ _FONT = 150  # its size on a usual display [%]
 _ZOOM = 0.05  # per step of the mouse wheel, of the distance
 
 _CATEGORIES = mujoco.mjtCatBit.mjCAT_ALL.value
-_FIXED = mujoco.mjtCamera.mjCAMERA_FIXED
+_FIXED_CAMERA = mujoco.mjtCamera.mjCAMERA_FIXED
 _TRANSLATE = mujoco.mjtPertBit.mjPERT_TRANSLATE.value
 _ROTATE = mujoco.mjtPertBit.mjPERT_ROTATE.value
 _CORNER = mujoco.mjtGridPos
@@ -123,7 +123,7 @@ class ViewerWindow:
         self._perturbation = mujoco.MjvPerturb()
         self._keys: list[int] = []
         self._clicked: tuple[int, float] | None = None
-        self._window = open_window(*_SIZE)
+        self._window = open_window(*_FIRST_SIZE)
         glfw.make_context_current(self._window)
         glfw.swap_interval(1)
         self._context = mujoco.MjrContext(scene.model, self._font_scale())
@@ -214,8 +214,8 @@ class ViewerWindow:
         count = self._scene.model.ncam
         if count == 0:
             return
-        present = self._camera.fixedcamid if self._camera.type == _FIXED else min(-step, 0)
-        self._camera.type = _FIXED
+        present = self._camera.fixedcamid if self._camera.type == _FIXED_CAMERA else min(-step, 0)
+        self._camera.type = _FIXED_CAMERA
         self._camera.fixedcamid = (present + step) % count
 
     def _button(self, window: Any, button: int, action: int, modifiers: int) -> None:
@@ -269,7 +269,7 @@ class ViewerWindow:
 
     def _move_camera(self, action: mujoco.mjtMouse, across: float, down: float) -> None:
         """Move the camera by shares of the window's height; a fixed one becomes free."""
-        if self._camera.type == _FIXED:
+        if self._camera.type == _FIXED_CAMERA:
             self._camera = free_view(self._scene, self._camera)
         mujoco.mjv_moveCamera(self._scene.model, action, across, down, self._camera)
 
@@ -277,7 +277,7 @@ class ViewerWindow:
 def free_view(scene: Scene, view: mujoco.MjvCamera) -> mujoco.MjvCamera:
     """Return a free camera with the view of another."""
     free = mujoco.MjvCamera()
-    if view.type != _FIXED:
+    if view.type != _FIXED_CAMERA:
         free.lookat[:] = view.lookat
         free.distance = view.distance
         free.azimuth = view.azimuth

@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 
 _PIECES = 3000  # of the bead, each of one colour
 _NARROWEST_BEAD = 0.02  # of the nominal width; a narrower bead is none
-_MARGIN = 0.06  # around the bead, of its extent
+_BEAD_MARGIN = 0.06  # around the bead, of its extent
 
 _THINNEST_GLUE = 1e-3  # of the nozzle's height; less is no glue
 # percentile of the width, and the limit of the axis over it
-_USUAL = 95.0
-_ABOVE = 1.6
+_USUAL_PERCENTILE = 95.0
+_ABOVE_LIMIT = 1.6
 # too little glue between two turns, and too much
 _GAP = WIDTH.stops[1][2]
-_OVERLAP = WIDTH.stops[-2][2]
+_OVERLAP_COLOUR = WIDTH.stops[-2][2]
 
 
 def draw_laid(on: Figure | SubFigure | Axes, results: RunResults, text_size: float = 10.0) -> Axes:
@@ -69,7 +69,7 @@ def draw_laid(on: Figure | SubFigure | Axes, results: RunResults, text_size: flo
         )
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_axis_off()
-    axes.margins(_MARGIN)
+    axes.margins(_BEAD_MARGIN)
     return axes
 
 
@@ -209,7 +209,9 @@ def draw_bead_along(figure: Figure | SubFigure, bead: Bead, columns: int = COLUM
         on = bead.length[analysis.ticks]
         length = np.interp(s, np.maximum.accumulate(analysis.nozzle.s), on)
         axes.fill_between(length, clearance, 0, where=clearance > 0, color=_GAP, lw=0, alpha=0.6, label="gap")
-        axes.fill_between(length, clearance, 0, where=clearance < 0, color=_OVERLAP, lw=0, alpha=0.6, label="overlap")
+        axes.fill_between(
+            length, clearance, 0, where=clearance < 0, color=_OVERLAP_COLOUR, lw=0, alpha=0.6, label="overlap"
+        )
         axes.plot(length, clearance, color=INK, lw=0.8)
         axes.axhline(0, color=INK, lw=0.8)
         axes.set(ylabel="clearance [mm]")
@@ -229,7 +231,7 @@ def draw_bead_along(figure: Figure | SubFigure, bead: Bead, columns: int = COLUM
 def _clip(axes: Axes, place: Floats, width: Floats, nominal: float) -> None:
     """Scale the axis to the usual width, and annotate the largest one if that is beyond."""
     widest = int(width.argmax())
-    usual = _ABOVE * max(float(np.percentile(width, _USUAL)), nominal)
+    usual = _ABOVE_LIMIT * max(float(np.percentile(width, _USUAL_PERCENTILE)), nominal)
     if width[widest] <= usual:
         axes.set_ylim(bottom=0)
         return

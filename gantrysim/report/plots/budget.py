@@ -26,7 +26,7 @@ _MOST_NAMED = 10  # largest number of labelled turns
 _NOTHING = 1e-6  # largest negligible error [mm]
 _VERTICAL = 0.02  # smallest vertical error that is drawn, of the largest error
 
-_ROOM = 0.45  # beyond the bars for their numbers, of the largest
+_NUMBER_ROOM = 0.45  # beyond the bars for their numbers, of the largest
 _LEAST_SCALE = 0.05  # half of the narrowest scale [µm]
 
 
@@ -205,7 +205,7 @@ def draw_causes(figure: Figure | SubFigure, worth: Mapping[str, Mapping[str, flo
             # inside of all others: the scale below leaves room
             text.set_in_layout(axes is panels[-1])
         low, high = (float(end) for end in (np.nanmin([0.0, *size]), np.nanmax([0.0, *size])))
-        room = max(_ROOM * (high - low), _LEAST_SCALE)
+        room = max(_NUMBER_ROOM * (high - low), _LEAST_SCALE)
         axes.set(xlim=(low - (room if low < 0 else 0), high + room), xlabel="worth [µm]")
         axes.set_title(error, loc="left")
         axes.axvline(0, color=INK, lw=0.8)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # width of a plot across the page, and of one of two side by side [inch]
 PLOT_WIDTH = 10.7
-HALF = 4.4
+HALF_HEIGHT = 4.4
 _PLAN = 7.6  # of a plan view
 PAGE_COLUMNS = 350  # horizontal resolution of noisy lines on a page, which they make large
 
@@ -130,7 +130,7 @@ def budget_plot(budget: Budget) -> Plot:
 def spacing_plot(analysis: Analysis) -> Plot:
     """Return the plot of the spacing of turns, half as wide as a page."""
     draw = partial(draw_spacing, analysis=analysis)
-    return Plot("spacing", draw, HALF, 4.8, resolution=200.0, fault=_fault(analysis))
+    return Plot("spacing", draw, HALF_HEIGHT, 4.8, resolution=200.0, fault=_fault(analysis))
 
 
 def height_plot(bead: Bead) -> Plot:

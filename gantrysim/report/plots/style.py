@@ -23,8 +23,8 @@ COLUMNS = 1000  # horizontal resolution of a thinned line
 RESOLUTION = 130.0  # of pictures [dpi]
 
 
-FAR = 4.0  # times what is drawn, beyond which a limit is no longer on its scale
-_ABOVE = 1.08  # top of the axis, of a limit
+FAR_LIMIT = 4.0  # times what is drawn, beyond which a limit is no longer on its scale
+_ABOVE_LIMIT = 1.08  # top of the axis, of a limit
 
 # of the links, the contour error that they add up to, the requested path, and faults
 COLOURS = {"requested": REQUESTED, **LINKS, "contour": INK, "fault": FAULT}
@@ -113,13 +113,13 @@ def draw_limit(axes: Axes, limit: float, signed: bool = True) -> None:
     """
     low, high = axes.get_ylim()
     text = limit_text(limit, signed)
-    if limit > FAR * max(-low, high):
+    if limit > FAR_LIMIT * max(-low, high):
         text = f"{text}, beyond this scale"
         axes.text(0.995, 0.94, text, transform=axes.transAxes, ha="right", va="top", color=BAD, fontsize=8)
         return
     for side in (1, -1) if signed else (1,):
         axes.axhline(side * limit, color=BAD, lw=1.2, ls="--", label=text if side > 0 else "_")
-    axes.set_ylim(min(low, -_ABOVE * limit) if signed else low, max(high, _ABOVE * limit))
+    axes.set_ylim(min(low, -_ABOVE_LIMIT * limit) if signed else low, max(high, _ABOVE_LIMIT * limit))
 
 
 def limit_text(limit: float, signed: bool = True) -> str:

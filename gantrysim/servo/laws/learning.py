@@ -9,7 +9,7 @@ from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws import preview
 from gantrysim.servo.laws.law import Law, LawDesign
 
-SHARE = 2.0  # times the natural frequency, the cut-off of the learning
+CUT_OFF_SHARE = 2.0  # times the natural frequency, the cut-off of the learning
 
 
 class Learning(Law):
@@ -22,7 +22,7 @@ class Learning(Law):
     inverts_machine = True
 
     def derived(self, design: LawDesign) -> dict[str, float]:
-        return {"learning_bandwidth": min(SHARE * design.frequency, preview.SHARE / design.period)}
+        return {"learning_bandwidth": min(CUT_OFF_SHARE * design.frequency, preview.CUT_OFF_SHARE / design.period)}
 
 
 LEARNING = Learning()

@@ -13,7 +13,7 @@ from gantrysim.servo.laws.law import DEMAND, DISTURBANCE, Law, LawDesign, Timing
 from gantrysim.servo.notch import Coefficients, filtered_output
 from gantrysim.servo.stability.linear_system import Compensator
 
-SHARE = 0.5  # of the natural frequency, the observer's cut-off
+CUT_OFF_SHARE = 0.5  # of the natural frequency, the observer's cut-off
 TAPS = 3  # sampled torque demands that act between three samples of the position
 MOST_SHIFT = 32  # ticks by which the torque may be late in the model
 DEMANDS = MOST_SHIFT + TAPS + 1  # torque demands that are remembered
@@ -148,7 +148,7 @@ class DisturbanceObserver(Law):
 
     def derived(self, design: LawDesign) -> dict[str, float]:
         return {
-            "observer_bandwidth": SHARE * design.frequency,
+            "observer_bandwidth": CUT_OFF_SHARE * design.frequency,
             "observer_inertia": design.axis.inertia,
             "observer_viscous": design.axis.viscous,
             "observer_lag": design.lag,

@@ -8,7 +8,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws.law import Law, LawDesign
 
-SHARE = 0.25  # of the servo's frequency, the cut-off of the preview
+CUT_OFF_SHARE = 0.25  # of the servo's frequency, the cut-off of the preview
 
 
 class Preview(Law):
@@ -21,7 +21,7 @@ class Preview(Law):
     inverts_machine = True
 
     def derived(self, design: LawDesign) -> dict[str, float]:
-        return {"preview_bandwidth": SHARE / design.period}
+        return {"preview_bandwidth": CUT_OFF_SHARE / design.period}
 
     def torque(self, invert: Callable[[Floats], Floats], position: Floats) -> Floats:
         return invert(position)

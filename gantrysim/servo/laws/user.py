@@ -52,9 +52,9 @@ class PlainLaw(Protocol):
 STATE = 64  # numbers that a law keeps from tick to tick, 0 at the start of a run
 _ORDER = 24  # largest of a linear law
 _KICK = 1e-3  # error by which a law is linearised [u]
-_LINEAR = 1e-6  # of a response, relative to its largest value
+_LINEAR_RESPONSE = 1e-6  # of a response, relative to its largest value
 _RANK = 1e-9
-_REST = 5  # ticks before a kick
+_REST_TICKS = 5  # ticks before a kick
 
 
 class UserTick(NamedTuple):
@@ -129,19 +129,19 @@ def linearised_law(law: UserLaw, gains: Floats, axis: int, period: float) -> Com
     """
     once, twice, late = (
         _kicked_torques(without_warnings(law), gains, axis, period, size, before)
-        for size, before in ((_KICK, _REST), (2 * _KICK, _REST), (_KICK, 2 * _REST))
+        for size, before in ((_KICK, _REST_TICKS), (2 * _KICK, _REST_TICKS), (_KICK, 2 * _REST_TICKS))
     )
     if not all(np.isfinite(response).all() for response in (once, twice, late)):
         raise UnknownLoopError("a law of the user's whose torques are not finite has no margins")
     size = np.abs(once).max()
-    steady = np.allclose(twice, 2 * once, rtol=0, atol=_LINEAR * size) and np.allclose(
-        late[_REST:], once[:-_REST], rtol=0, atol=_LINEAR * size
+    steady = np.allclose(twice, 2 * once, rtol=0, atol=_LINEAR_RESPONSE * size) and np.allclose(
+        late[_REST_TICKS:], once[:-_REST_TICKS], rtol=0, atol=_LINEAR_RESPONSE * size
     )
     if not steady:
         raise UnknownLoopError("a law of the user's that is not linear, or not the same at all times, has no margins")
-    if np.abs(np.delete(once, axis, axis=1)).max(initial=0.0) > _LINEAR * size:
+    if np.abs(np.delete(once, axis, axis=1)).max(initial=0.0) > _LINEAR_RESPONSE * size:
         raise UnknownLoopError("a law of the user's that couples axes has no margins")
-    response = once[_REST:, axis] / _KICK
+    response = once[_REST_TICKS:, axis] / _KICK
     sums = np.add.outer(np.arange(_ORDER), np.arange(_ORDER))
     H = response[1 + sums]  # noqa: N806
     shifted = response[2 + sums]

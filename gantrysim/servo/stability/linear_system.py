@@ -230,7 +230,7 @@ class Compensator:
 # plant's grid of angles, then on a finer one around the largest value and by golden sections of that, and at the angles
 # of lightly damped closed-loop poles, whose peaks are narrower than the grid.
 
-NARROW = 0.3  # damping ratio below which a mode, zero or pole is narrower than the grid
+NARROW_DAMPING = 0.3  # damping ratio below which a mode, zero or pole is narrower than the grid
 _ZOOM = 9  # points between those of the grid around the peak
 _SECTIONS = 10  # after which a peak is within 1e-5 of its height
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -310,7 +310,7 @@ def _find_peaks(plant: CompiledPlant, laws: Polynomials, poles: Complexes, squar
     for pole in poles:
         angle = cmath.phase(pole)
         # those of the upper half plane
-        if pole.imag > 0 and abs(pole) > 1 - NARROW * angle:
+        if pole.imag > 0 and abs(pole) > 1 - NARROW_DAMPING * angle:
             _square_at(angle, 0, plant, laws, work)
             for a in range(axes):
                 squares[a] = max(squares[a], size[a])

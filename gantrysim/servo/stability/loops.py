@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Complexes, Floats, read_only_view
-from gantrysim.servo.stability.linear_system import NARROW, Compensator, CompiledPlant, sensitivity_peaks
+from gantrysim.servo.stability.linear_system import NARROW_DAMPING, Compensator, CompiledPlant, sensitivity_peaks
 from gantrysim.servo.stability.motion import LinearSystem
 
-_LOWEST = 1e-5  # lowest frequency of the grid, relative to the Nyquist frequency
+_LOWEST_FREQUENCY = 1e-5  # lowest frequency of the grid, relative to the Nyquist frequency
 _PER_DECADE = 80
 _AT_NYQUIST = 0.2  # distance from the Nyquist angle within which the grid is finer [rad]
 _AROUND_A_PEAK = np.geomspace(1e-6, 0.03, 24)  # relative distances of these points from the peak
 _HIGH_GAIN = 1e6  # gain at which the poles have reached the zeros
 _ASYMPTOTIC = 1e-9  # least distance of a stable pole from the unit circle
-_EXACT = 1e-8  # accuracy of a crossing, relative
+_CROSSING_ACCURACY = 1e-8  # accuracy of a crossing, relative
 _MOST_STEPS = 60  # iterations to find a crossing
 _NO_LOOP = 1e-300  # magnitude of a loop without gains
 
@@ -69,8 +69,8 @@ def _contiguous(matrix: Floats) -> Floats:
 
 def _grid(system: LinearSystem) -> Floats:
     """Return angles up to the Nyquist frequency, finer around lightly damped modes and zeros, (n,)."""
-    count = round(-math.log10(_LOWEST) * _PER_DECADE)
-    even = np.pi * np.logspace(math.log10(_LOWEST), 0, count + 1)
+    count = round(-math.log10(_LOWEST_FREQUENCY) * _PER_DECADE)
+    even = np.pi * np.logspace(math.log10(_LOWEST_FREQUENCY), 0, count + 1)
     # pairs of poles leave the circle near -1
     even = np.append(even, np.pi - even[even < _AT_NYQUIST][::4])
     G = system.G0 + system.G1
@@ -88,7 +88,7 @@ def _grid(system: LinearSystem) -> Floats:
     z = z[np.abs(z) > 0]
     angle = np.angle(z)
     width = np.abs(np.log(np.abs(z)))
-    peaked = (angle > 0) & (angle < np.pi) & (width < NARROW * angle)
+    peaked = (angle > 0) & (angle < np.pi) & (width < NARROW_DAMPING * angle)
     close = np.outer(np.append(1 - _AROUND_A_PEAK, 1 + _AROUND_A_PEAK), angle[peaked]).ravel()
     return np.unique(np.concatenate([even, close[(close > even[0]) & (close < np.pi)]]))
 
@@ -175,7 +175,7 @@ class Loops:
         value = L[k + 1, axis]
         # regula falsi, Illinois variant
         for _ in range(_MOST_STEPS):
-            if not len(k) or np.abs(fb).max() < _EXACT:
+            if not len(k) or np.abs(fb).max() < _CROSSING_ACCURACY:
                 break
             c = (a * fb - b * fa) / (fb - fa)
             value = self.at(np.exp(c))[np.arange(len(c)), axis]
@@ -226,9 +226,9 @@ _MIN_GAIN = 1e-6  # a loop that is stable down to this factor has no lower gain 
 # factors on all gains
 _LEAST_GAIN = 1e-3
 _LARGEST_GAIN = 10.0
-_FACTORS = 60  # up to either, to begin with
-_SHARP = 1e-6  # accuracy of a factor on all gains
-_REAL = 1e-6  # largest imaginary part of a real loop, relative
+_FIRST_FACTORS = 60  # up to either, to begin with
+_FACTOR_ACCURACY = 1e-6  # accuracy of a factor on all gains
+_REAL_LOOP = 1e-6  # largest imaginary part of a real loop, relative
 
 
 @dataclass(frozen=True)
@@ -295,7 +295,7 @@ def margins_of_loops(loops: Loops) -> list[Margins]:
         unit = crossings.of(a, unit=True)
         # here the loop is real, or nearly so
         ends = L[[0, -1], a]
-        crossed = np.append(real.L.real, ends.real[np.abs(ends.imag) < _REAL * np.abs(ends)])
+        crossed = np.append(real.L.real, ends.real[np.abs(ends.imag) < _REAL_LOOP * np.abs(ends)])
         # a factor -1/L on the gains takes a real L to -1
         low, high = _factors(loops, a, -1 / crossed[crossed < 0], stable)
         # phase above -180 degrees
@@ -337,7 +337,7 @@ def _together(loops: Loops) -> float | None:
         return None
     stable = loops.stable()
     low = high = 1.0
-    for factor in np.geomspace(1, _LARGEST_GAIN if stable else _LEAST_GAIN, _FACTORS)[1:].tolist():
+    for factor in np.geomspace(1, _LARGEST_GAIN if stable else _LEAST_GAIN, _FIRST_FACTORS)[1:].tolist():
         low = min(low, factor)
         high = max(high, factor)
         if loops.stable(axes, factor) is not stable:
@@ -346,7 +346,7 @@ def _together(loops: Loops) -> float | None:
         high = factor
     else:
         return math.inf if stable else 0.0
-    while high - low > _SHARP * low:
+    while high - low > _FACTOR_ACCURACY * low:
         middle = 0.5 * (low + high)
         if loops.stable(axes, middle):
             low = middle

@@ -216,7 +216,7 @@ class Movable(Protocol):
         """Return the motion about rest at a position of the axes, by default zero, (axes,) [mm or deg]."""
 
 
-_PLAIN = Drives()
+_PLAIN_DRIVES = Drives()
 
 
 class Plant:
@@ -240,7 +240,7 @@ class Plant:
         InputError: a period or delay out of range.
     """
 
-    def __init__(self, motion: Motion, period: float, delay: float = 0.0, drives: Drives = _PLAIN) -> None:
+    def __init__(self, motion: Motion, period: float, delay: float = 0.0, drives: Drives = _PLAIN_DRIVES) -> None:
         self.period = positive("servo period", period, "s")
         self.delay = at_least("servo delay", delay, 0, "s")
         if delay > period:
@@ -248,7 +248,7 @@ class Plant:
         self.axes = len(motion.C)
         self.drives = drives
         motors = motion.C
-        if drives != _PLAIN:
+        if drives != _PLAIN_DRIVES:
             motion = motion.driven(drives)
         self._responses: list[FrequencyResponse] = []
         # of the loop around each of them
@@ -287,7 +287,7 @@ class Plant:
         period: float,
         delay: float = 0.0,
         *,
-        drives: Drives = _PLAIN,
+        drives: Drives = _PLAIN_DRIVES,
         position: ArrayLike | None = None,
     ) -> Plant:
         """Return the plant of a machine about a position of its axes.

@@ -12,7 +12,7 @@ from gantrysim.base.quantity import UM, number_text
 from gantrysim.metrics import CircularTest, Trace, minimum_zone
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.report.document import Column, Table
-from gantrysim.report.plots.style import COLOURS, FAR, draw_limit, limit_text, sheet
+from gantrysim.report.plots.style import COLOURS, FAR_LIMIT, draw_limit, limit_text, sheet
 from gantrysim.results.colours import BAD, INK, RUNS
 from gantrysim.study.acceptance import MOTION_LIMITS, Acceptance, Scope, improve_command, path_limit
 from gantrysim.study.cases import OK, Row
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 QUESTION = "Does this machine run a circle within the tolerance?"
 _SCOPE = Scope(MOTION_LIMITS)  # it lays no glue
-_HALF = 0.5
+_MOTORS_SHARE = 0.5
 
 
 def circle_answer(study: CircleStudy, rows: Sequence[Row], test: CircularTest, motors: dict[str, Trace]) -> str:
@@ -82,14 +82,14 @@ def _source(test: CircularTest, motors: dict[str, Trace]) -> str:
     nozzle = {"clockwise": test.clockwise, "counter-clockwise": test.counter_clockwise}
     name = max(nozzle, key=lambda direction: nozzle[direction].circular_deviation)
     of_motors = motors[name].circular_deviation
-    side = "before" if of_motors > _HALF * nozzle[name].circular_deviation else "behind"
+    side = "before" if of_motors > _MOTORS_SHARE * nozzle[name].circular_deviation else "behind"
     return f"the motors' G is {UM * of_motors:.1f} µm {name}, so most of it arises {side} the motors"
 
 
 _PATHS = {"clockwise": RUNS[0], "counter-clockwise": RUNS[1]}
 _DIVISIONS = (1, 2, 5)
 _RINGS = 4  # divisions from the nominal circle to the largest deviation, at most
-_INSIDE = 1.6  # radius of the nominal circle in the chart, in largest deviations
+_NOMINAL_RADIUS = 1.6  # radius of the nominal circle in the chart, in largest deviations
 
 
 def report(study: CircleStudy, rows: Sequence[Row]) -> Report:
@@ -165,7 +165,7 @@ def _draw_chart(test: CircularTest, limit: float) -> Figure:
     """Draw the radial deviation of both paths on a circle, magnified, with their minimum zone and its limit [µm]."""
     paths = {"clockwise": test.clockwise, "counter-clockwise": test.counter_clockwise}
     largest = UM * max(float(np.abs(trace.deviation).max()) for trace in paths.values())
-    is_near = limit <= FAR * largest
+    is_near = limit <= FAR_LIMIT * largest
     reach = max(largest, limit) if is_near else largest
     division = _division(reach)
     rings = int(np.ceil(reach / division))
@@ -200,7 +200,7 @@ def _draw_chart(test: CircularTest, limit: float) -> Figure:
         axes.set_yticks(steps, [number_text(step, "+g") for step in steps])
         axes.tick_params(axis="y", labelsize=8)
         axes.set_rlabel_position(22.5)
-        axes.set_ylim(-_INSIDE * rings * division, 1.05 * rings * division)
+        axes.set_ylim(-_NOMINAL_RADIUS * rings * division, 1.05 * rings * division)
         places = ["+x", "45°", "+y", "135°", "−x", "225°", "−y", "315°"]
         axes.set_xticks(np.radians(range(0, 360, 45)), places)
         axes.spines["polar"].set_visible(False)

@@ -30,12 +30,12 @@ DECAY = 0.1  # of a spike after a reversal [s]
 
 _LARGEST_REACH = 40.0  # of a spike [deg]
 _LEAD = 225.0  # before and after the evaluated circle, at least: it begins and ends between two reversals [deg]
-_CALM = 0.3  # at full speed before the evaluated circle, at least [s]
+_CALM_TIME = 0.3  # at full speed before the evaluated circle, at least [s]
 _LEAST_TICKS = 120  # servo periods on the circle, one every 3 deg
 # radius [mm]
 _SMALLEST_RADIUS = 1e-6
 _LARGEST_RADIUS = 1e6
-_FASTEST = 1e6  # speed [mm/s]
+_FASTEST_SPEED = 1e6  # speed [mm/s]
 _ACCELERATION = 3000.0  # along the path, at start and end [mm/s²]
 
 
@@ -65,7 +65,7 @@ class CircleStudy(Study):
 
     def __post_init__(self) -> None:
         at_least("radius", positive("radius", self.radius, "mm", _LARGEST_RADIUS), _SMALLEST_RADIUS, "mm")
-        positive("speed", self.speed, "mm/s", _FASTEST)
+        positive("speed", self.speed, "mm/s", _FASTEST_SPEED)
         object.__setattr__(self, "job", self._job())
         period = self.job.built_servo.period
         least = _LEAST_TICKS * self.speed * period / (2 * math.pi)
@@ -91,7 +91,7 @@ class CircleStudy(Study):
     @property
     def lead(self) -> float:
         """Angle run before and after the evaluated circle [deg]."""
-        distance = self.speed**2 / (2 * _ACCELERATION) + self.speed * _CALM
+        distance = self.speed**2 / (2 * _ACCELERATION) + self.speed * _CALM_TIME
         # whole circles more, so that the evaluated one still begins and ends between two reversals
         missing = math.degrees(distance / self.radius) - _LEAD
         return _LEAD + 360 * max(math.ceil(missing / 360), 0)

@@ -20,13 +20,13 @@ from gantrysim.study.acceptance import Acceptance, Scope, improve_command, setti
 from gantrysim.study.cases import ASPECTS, LIMIT_USE, OK, Row, state_column, use_column
 from gantrysim.study.drawing import logarithmic
 from gantrysim.study.laws.study import (
-    EXACT,
+    EXACT_ENCODER,
     FOLLOWING_TOGETHER,
     LOADED,
+    MORE_FRICTION,
     NOMINAL,
-    REPEATED,
+    REPEATED_RUNS,
     REVERSAL,
-    RUBBING,
     LawsStudy,
     chosen,
 )
@@ -102,7 +102,7 @@ def _present(study: LawsStudy) -> str:
     return next((rung.name for rung in study.ladder if rung.law == names and rung.integral == 1), "")
 
 
-_PAYS = 0.95  # of the value without a law's last addition, below which the addition pays
+_PAYING_SHARE = 0.95  # of the value without a law's last addition, below which the addition pays
 _PD = "pd"
 _PID = "pid"
 _SHOWN = {"following_rms_um": "following error", "reversal_max_um": "reversals", "contour_rms_um": "contour"}
@@ -203,14 +203,14 @@ def _plots(study: LawsStudy, rows: Sequence[Row], nominal: dict[str, Row]) -> li
             _draw_variations(study, rows),
         ),
     ]
-    repeats = [row for row in rows if row["variation"] == REPEATED and row["status"] == OK]
+    repeats = [row for row in rows if row["variation"] == REPEATED_RUNS and row["status"] == OK]
     if repeats:
         plots.append(
             Plot(
                 "repeats",
                 "Learning over repeats",
                 "With an exact encoder.",
-                _draw_repeats(repeats, chosen(rows, EXACT)),
+                _draw_repeats(repeats, chosen(rows, EXACT_ENCODER)),
             )
         )
     return plots
@@ -226,7 +226,9 @@ def _paying(nominal: dict[str, Row]) -> list[str]:
     without = {law: nominal[_without(law)] for law in nominal if _without(law) in nominal}
     notes = []
     for name, words in _SHOWN.items():
-        idle = [law for law, row in without.items() if not _value(nominal[law], name) < _PAYS * _value(row, name)]
+        idle = [
+            law for law, row in without.items() if not _value(nominal[law], name) < _PAYING_SHARE * _value(row, name)
+        ]
         if idle:
             notes.append(f"The last addition gains less than 5 % in {words}: {', '.join(idle)}.")
     return notes
@@ -262,7 +264,7 @@ def _table(study: LawsStudy, nominal: dict[str, Row]) -> Table:
 
 
 def _variations(study: LawsStudy, rows: Sequence[Row]) -> Table:
-    variations = {variation: chosen(rows, variation) for variation in (NOMINAL, EXACT, LOADED, RUBBING)}
+    variations = {variation: chosen(rows, variation) for variation in (NOMINAL, EXACT_ENCODER, LOADED, MORE_FRICTION)}
     columns: list[str | Column] = [
         "law",
         Column("nominal", ".3g"),
@@ -287,9 +289,9 @@ def _draw(nominal: dict[str, Row]) -> Figure:
 def _draw_variations(study: LawsStudy, rows: Sequence[Row]) -> Figure:
     labels = {
         NOMINAL: "nominal",
-        EXACT: "exact encoder",
+        EXACT_ENCODER: "exact encoder",
         LOADED: f"{study.payload:g} kg more",
-        RUBBING: f"friction x {study.friction:g}",
+        MORE_FRICTION: f"friction x {study.friction:g}",
     }
     laws = list(chosen(rows, NOMINAL))
     shown = {}

@@ -70,11 +70,11 @@ REVERSAL = Quantity[Any](
 )
 REPEATS = (1, 2, 3, 5, 10)  # of learning
 NOMINAL = "nominal"
-EXACT = "exact encoder"
+EXACT_ENCODER = "exact encoder"
 LOADED = "payload"
-RUBBING = "friction"
-REPEATED = "repeats"
-AFTER = 0.1  # time after a reversal in which its peak is sought [s]
+MORE_FRICTION = "friction"
+REPEATED_RUNS = "repeats"
+AFTER_REVERSAL = 0.1  # time after a reversal in which its peak is sought [s]
 
 
 def laws_row(case: Case) -> Row:
@@ -90,7 +90,7 @@ def laws_row(case: Case) -> Row:
         # rotary axes count only where there are no others: degrees and millimetres have no common sum
         error = UM * (run.commanded - run.encoder)[:, _linear(run)]
         turned = reversals(run.commanded[:, _linear(run)])
-        window = round(AFTER / run.period)
+        window = round(AFTER_REVERSAL / run.period)
         peaks = [float(np.abs(error[k : k + window, a]).max()) for k, a in turned]
         row: Row = {
             FOLLOWING_TOGETHER.key: float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
@@ -201,14 +201,14 @@ class LawsStudy(Study):
             name = rung.name
             cases += [
                 Case.of(self.job, overrides, law=name, variation=NOMINAL),
-                Case.of(self.job, {**overrides, "servo.resolution": 0.0}, law=name, variation=EXACT),
+                Case.of(self.job, {**overrides, "servo.resolution": 0.0}, law=name, variation=EXACT_ENCODER),
                 Case.of(self.job, overrides, perturbation=loaded, law=name, variation=LOADED),
-                Case.of(self.job, overrides, perturbation=rubbing, law=name, variation=RUBBING),
+                Case.of(self.job, overrides, perturbation=rubbing, law=name, variation=MORE_FRICTION),
             ]
         for repeats in REPEATS:
             law = ("pid", LEARNING.name)
             overrides = {**self.overrides(law), "servo.resolution": 0.0, "servo.learning_repeats": repeats}
-            cases.append(Case.of(self.job, overrides, law="+".join(law), variation=REPEATED, repeats=repeats))
+            cases.append(Case.of(self.job, overrides, law="+".join(law), variation=REPEATED_RUNS, repeats=repeats))
         yield cases
 
 

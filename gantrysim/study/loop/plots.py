@@ -26,7 +26,7 @@ from gantrysim.study.loop.study import (
     SWEEPS,
     LoopStudy,
 )
-from gantrysim.study.loop.trends import CONVERGING, convergence, knee, loop_knee
+from gantrysim.study.loop.trends import CONVERGING_VALUES, convergence, knee, loop_knee
 from gantrysim.study.study import Plot
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ _MANY_DECADES = 2.5
 _WIDTH = 160
 _HANDLE = 6
 _LABELLED_VALUES = 8  # swept values, up to which each is labelled
-_INSIDE = 0.55  # size of a point drawn inside another
+_INNER_SIZE = 0.55  # size of a point drawn inside another
 # Points have a shape by variant and a colour by value.
 SHAPES: dict[str, dict[str, Any]] = {
     AS_IT_IS: {"marker": "o", "ms": 5.5},
@@ -82,7 +82,7 @@ class Panels:
             shape["marker"] = "v"
         if column.startswith(("servo_", "following_")):
             # it often coincides with the contour error
-            shape["ms"] = _INSIDE * shape["ms"]
+            shape["ms"] = _INNER_SIZE * shape["ms"]
         self._scatter(panel, x, factor * y, color=colour, label=label, **shape)
 
     def spacing_errors(self, nominal: float) -> None:
@@ -197,7 +197,7 @@ class Panels:
             self.errors.set_subplotspec(grid[:, :])
 
 
-_SIZE = (11.0, 6.6)
+_FIGURE_SIZE = (11.0, 6.6)
 _LINE = 60  # points of a predicted line
 _MS = 1e3
 _LEAST_SPACING = 0.05  # of the logarithmic axis [µm]
@@ -218,7 +218,7 @@ def plots(study: LoopStudy, rows: Sequence[Row]) -> list[Plot]:
     for sweep, (draw, scale, label) in sweeps.items():
         if not any(row["sweep"] == sweep for row in rows):
             continue
-        with sheet(*_SIZE) as figure:
+        with sheet(*_FIGURE_SIZE) as figure:
             grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
             errors = figure.add_subplot(grid[:, 0])
             spacing = figure.add_subplot(grid[0, 1])
@@ -400,7 +400,7 @@ def _physics_step(study: LoopStudy, panels: Panels) -> str:
             order = "scatter" if trend.order is None else f"order {trend.order:.2f}"
             shown = away > _LEAST_DEVIATION
             shape = {"mfc": colour, **SHAPES[variant]}
-            label = f"{CONVERGING[column]}, {variant}: {order}"
+            label = f"{CONVERGING_VALUES[column]}, {variant}: {order}"
             panels.errors.plot(panels.scale * step[shown], away[shown], color=colour, ls="none", label=label, **shape)
             if trend.order is not None and away[0] > _LEAST_DEVIATION:
                 panels.line(panels.errors, step, away[0] * (step / step[0]) ** trend.order, colour, "")

@@ -18,7 +18,7 @@ from gantrysim.study.drawing import series
 from gantrysim.study.loop.limits import LEVERS, SweepVerdicts, draw_limits, milliseconds, present_value
 from gantrysim.study.loop.plots import plots
 from gantrysim.study.loop.study import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, SWEEPS, LoopStudy
-from gantrysim.study.loop.trends import CONVERGING, EXCESS, convergence, crossing, knee, loop_knee, power
+from gantrysim.study.loop.trends import CONVERGING_VALUES, FLOOR_EXCESS, convergence, crossing, knee, loop_knee, power
 from gantrysim.study.study import Details, Plot, Report
 
 # The answer of a loop study: the longest period and the coarsest resolution that keep the job's limits.
@@ -162,9 +162,9 @@ def _split(knees: dict[str, str]) -> list[tuple[tuple[str, str], str]]:
     return parts
 
 
-_TURNED = 1.05  # over the least error: a significant rise
+_SIGNIFICANT_RISE = 1.05  # over the least error: a significant rise
 _HIDING = 0.5  # of the contour error: a program error that hides the servo's
-_SENSITIVE = 0.05  # of a value: a significant effect of the physics step
+_SENSITIVE_SHARE = 0.05  # of a value: a significant effect of the physics step
 
 Lines = list[tuple[str, str, str, str]]  # sweep, variant, result and value
 
@@ -173,8 +173,8 @@ def report(study: LoopStudy, rows: Sequence[Row]) -> Report:
     """Return the knees and errors of all sweeps, the convergence over the physics step, and a plot of each sweep."""
     lines = [*_loop(study, rows), *_interpreter(study, rows), *_servo(rows), *_encoder(rows)]
     caption = (
-        f"Contour errors are rms. Knee: largest value up to which the contour error is within {PER_CENT * EXCESS:.0f} "
-        "% of its floor; below it, the sweep has no effect."
+        f"Contour errors are rms. Knee: largest value up to which the contour error is within "
+        f"{PER_CENT * FLOOR_EXCESS:.0f} % of its floor; below it, the sweep has no effect."
     )
     tables = [Table(["sweep", "variant", "result", "value"], lines, caption)] if lines else []
     tables += _convergence_table(rows)
@@ -204,8 +204,10 @@ def report(study: LoopStudy, rows: Sequence[Row]) -> Report:
 def _notes(study: LoopStudy, rows: Sequence[Row]) -> list[str]:
     notes = []
     converging = convergence(rows, AS_IT_IS)
-    if moved := [CONVERGING[column] for column, value in converging.items() if value.deviation > _SENSITIVE]:
-        notes.append(f"More than {PER_CENT * _SENSITIVE:.0f} % off due to the physics step: {', '.join(moved)}.")
+    if moved := [
+        CONVERGING_VALUES[column] for column, value in converging.items() if value.deviation > _SENSITIVE_SHARE
+    ]:
+        notes.append(f"More than {PER_CENT * _SENSITIVE_SHARE:.0f} % off due to the physics step: {', '.join(moved)}.")
     if study.theory is None:
         controller = study.job.program["controller"]
         reason = "has no program loop" if study.job.controller.loop_line() is None else "has its loop in its text"
@@ -233,7 +235,7 @@ def _loop(study: LoopStudy, rows: Sequence[Row]) -> Lines:
             add(LOOP_ALONE, f"contour error at {milliseconds(period[best])}", _um(by_itself))
         if theory is not None and theory.ramp_period is not None:
             add(AS_IT_IS, f"loop period with the same error as {theory.ramps}", milliseconds(theory.ramp_period))
-        if contour[0] > _TURNED * contour[best]:
+        if contour[0] > _SIGNIFICANT_RISE * contour[best]:
             times = f"{contour[0] / contour[best]:.1f} times the least"
             add(AS_IT_IS, f"contour error at {milliseconds(period[0])}", f"{_um(contour[0])}, {times}")
             if unrounded := _with_exact_waits(study, float(period[0])):
@@ -265,7 +267,7 @@ def _with_exact_waits(study: LoopStudy, period: float) -> float | None:
         return None
     rounded = _errors(study, {"loop_period": period})
     exact = _errors(study, {"loop_period": period, **study.theory.exact_waits})
-    if exact is None or (rounded is not None and exact.program.rms >= rounded.program.rms / _TURNED):
+    if exact is None or (rounded is not None and exact.program.rms >= rounded.program.rms / _SIGNIFICANT_RISE):
         return None
     return 1e3 * exact.program.rms
 
@@ -286,7 +288,7 @@ def _interpreter(study: LoopStudy, rows: Sequence[Row]) -> Lines:
     as_is, contour = series(rows, "value", "contour_rms_um", sweep="interpreter_time", variant=AS_IT_IS)
     if as_is.size > 1:
         best = int(contour.argmin())
-        if best and contour[0] > _TURNED * contour[best]:
+        if best and contour[0] > _SIGNIFICANT_RISE * contour[best]:
             value = f"{_um(contour[best])} instead of {_um(contour[0])}"
             lines.append((sweep, AS_IT_IS, f"least contour error, at {milliseconds(as_is[best])}", value))
     return lines
@@ -362,7 +364,7 @@ def _convergence_table(rows: Sequence[Row]) -> list[Table]:
     steps = next(iter(trends[AS_IT_IS].values())).steps
     cells = [
         [
-            CONVERGING[column],
+            CONVERGING_VALUES[column],
             variant,
             PER_CENT * value.deviation,
             "scatter" if value.order is None else f"{value.order:.2f}",

@@ -31,7 +31,7 @@ SWEEPS = {
 }
 
 _DECADE = (1.0, 2.0, 3.0, 5.0)
-_FINER = 4  # times: the physics step for comparison with a theory in continuous time
+_FINER_STEP = 4  # times: the physics step for comparison with a theory in continuous time
 _FRICTIONLESS = Perturbation(friction=1e-9)
 
 
@@ -113,7 +113,7 @@ class LoopStudy(Study):
                     changes["program.servo_period"] = value
                 if variant == NO_FRICTION:
                     # slow servos have enough steps in a servo period without finer ones
-                    finer = max(self._physics / _FINER, min(value / _FINER**2, self._physics))
+                    finer = max(self._physics / _FINER_STEP, min(value / _FINER_STEP**2, self._physics))
                     changes["simulation.physics_step"] = finer
                 yield self._case("servo_period", value, variant, changes)
 

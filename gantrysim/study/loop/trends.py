@@ -14,10 +14,10 @@ from gantrysim.study.cases import Row
 from gantrysim.study.drawing import series
 from gantrysim.study.loop.study import LOOP_ALONE, NO_LOOP
 
-EXCESS = 0.1  # over a floor, up to which the swept setting has no effect
+FLOOR_EXCESS = 0.1  # over a floor, up to which the swept setting has no effect
 
 # values whose convergence over the physics step is examined
-CONVERGING = {
+CONVERGING_VALUES = {
     "contour_rms_um": "contour error",
     "servo_rms_um": "servo error",
     "following_along_rms_um": "following error along the path",
@@ -28,7 +28,7 @@ CONVERGING = {
 _LEAST_GAIN = 1.05  # of one difference over the next, for an order of convergence
 
 
-def knee(x: ArrayLike, y: ArrayLike, floor: float, excess: float = EXCESS) -> float | None:
+def knee(x: ArrayLike, y: ArrayLike, floor: float, excess: float = FLOOR_EXCESS) -> float | None:
     """Return the knee of y: the x up to which y stays below (1 + excess) floor, so that x has no effect.
 
     The first crossing is interpolated in the logarithms of x and y, both above zero, (m,), x ascending. None if y is
@@ -125,7 +125,7 @@ def loop_knee(rows: Sequence[Row]) -> tuple[float | None, float] | None:
 def convergence(rows: Sequence[Row], variant: str) -> dict[str, Convergence]:
     """Return the convergence of a variant's values over the physics step, by column."""
     trends = {}
-    for column in CONVERGING:
+    for column in CONVERGING_VALUES:
         step, value = series(rows, "value", column, sweep="physics_step", variant=variant)
         if step.size >= 3:
             trends[column] = Convergence.of(step[::-1], value[::-1])

@@ -181,8 +181,8 @@ def _lever(influence: Influence, halves: tuple[float, float]) -> str:
 
 
 _BINS = (12, 40)
-_WORST = 5
-_MARGIN = 12  # beyond 0 and 100 %, for the label of the yield [%]
+_WORST_MACHINES = 5
+_AXIS_MARGIN = 12  # beyond 0 and 100 %, for the label of the yield [%]
 
 
 def report(study: MachineStudy, rows: Sequence[Row]) -> Report:
@@ -297,7 +297,7 @@ def _variation_table(study: MachineStudy) -> Table:
 
 
 def _worst_table(study: MachineStudy, values: Floats, label: str) -> Table:
-    order = np.argsort(-values, kind="stable")[:_WORST]
+    order = np.argsort(-values, kind="stable")[:_WORST_MACHINES]
     columns: list[str | Column] = ["machine", label]
     columns += [Column(in_words(name) + (" [kg]" if name == "payload_kg" else ""), ".3f") for name in study.machines]
     cells: list[list[Any]] = []
@@ -342,7 +342,7 @@ def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) ->
             axes.axvline(tolerance, color=BAD, lw=1.2, ls="--", label=f"tolerance {tolerance:g}")
             if np.isfinite(nominal):
                 axes.axvline(nominal, color=RUNS[0], lw=1.2, ls=":", label=f"nominal machine {nominal:.4g}")
-        above.set(ylabel="share of machines [%]", ylim=(-_MARGIN, 100 + _MARGIN), yticks=range(0, 101, 20))
+        above.set(ylabel="share of machines [%]", ylim=(-_AXIS_MARGIN, 100 + _AXIS_MARGIN), yticks=range(0, 101, 20))
         below.set(ylabel="machines", xlabel=label)
         below.yaxis.get_major_locator().set_params(integer=True)
         drawing.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=2)

@@ -17,7 +17,7 @@ from gantrysim.report.plots.style import COLOURS, colour_map, draw_limit, sheet
 from gantrysim.results.colours import INK, MAGNITUDE, RUNS
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command, path_limit
 from gantrysim.study.cases import OK, Row
-from gantrysim.study.repeat.study import ALL, PHASES, RepeatStudy, has_phase
+from gantrysim.study.repeat.study import ALL_VARIATIONS, PHASES, RepeatStudy, has_phase
 from gantrysim.study.study import Details, Plot, Report
 
 if TYPE_CHECKING:
@@ -37,12 +37,12 @@ def repeat_answer(study: RepeatStudy, rows: Sequence[Row], paths: dict[str, Repe
         rows: of all repeats.
         paths: repeated paths by varied source, with that of all sources.
     """
-    path = paths[ALL]
+    path = paths[ALL_VARIATIONS]
     result = (
         f"path accuracy ATp = {UM * path.path_accuracy:.2f} µm, path repeatability RTp = "
         f"{UM * path.path_repeatability:.2f} µm over {len(path.attained)} repeats of {study.job.name}"
     )
-    repeats = [Acceptance.of(row) for row in rows if row["varied"] == ALL]
+    repeats = [Acceptance.of(row) for row in rows if row["varied"] == ALL_VARIATIONS]
     judged = [acceptance for acceptance in repeats if acceptance is not None]
     if not judged:
         return f"Not judged by a tolerance: {result}."
@@ -63,11 +63,11 @@ def repeat_answer(study: RepeatStudy, rows: Sequence[Row], paths: dict[str, Repe
 
 def _lever(study: RepeatStudy, paths: dict[str, RepeatedPath]) -> str:
     """Return which part of the error to reduce: the systematic one, or the scatter with its largest source."""
-    path = paths[ALL]
+    path = paths[ALL_VARIATIONS]
     improve = f"{improve_command(study.job)} tries the levers"
     if path.path_accuracy >= path.path_repeatability:
         return f"the systematic error is the larger part, and {improve}"
-    alone = {name: source.path_repeatability for name, source in paths.items() if name != ALL}
+    alone = {name: source.path_repeatability for name, source in paths.items() if name != ALL_VARIATIONS}
     if not alone:
         return f"the scatter is the larger part, and {improve}"
     source = max(alone, key=lambda name: alone[name])
@@ -77,7 +77,7 @@ def _lever(study: RepeatStudy, paths: dict[str, RepeatedPath]) -> str:
 def report(study: RepeatStudy, rows: Sequence[Row]) -> Report:
     """Return accuracy and repeatability by the source of variation, along the path and on the plan."""
     paths = study.paths(rows)
-    if ALL not in paths:
+    if ALL_VARIATIONS not in paths:
         text = f"Not known: fewer than two of {study.repeats} repeats have values: {rows[0]['status']}."
         return Report(QUESTION, text)
     chart = Plot(
@@ -88,10 +88,10 @@ def report(study: RepeatStudy, rows: Sequence[Row]) -> Report:
         "varied and with each source alone.",
         _draw_along(paths, UM * path_limit(study.job)),
     )
-    plan = Plot("plan", "On the plan", "The path coloured by the repeatability.", _draw_plan(paths[ALL]))
+    plan = Plot("plan", "On the plan", "The path coloured by the repeatability.", _draw_plan(paths[ALL_VARIATIONS]))
     axes = study.positioning
     tables = [*([_positioning_table(axes)] if axes else []), _variation_table(study)]
-    details = Details(_notes(study, rows, paths[ALL], axes), tables, [plan])
+    details = Details(_notes(study, rows, paths[ALL_VARIATIONS], axes), tables, [plan])
     return Report(QUESTION, repeat_answer(study, rows, paths), chart, _table(paths), details)
 
 
@@ -163,7 +163,7 @@ def _variation_table(study: RepeatStudy) -> Table:
 
 def _draw_along(paths: dict[str, RepeatedPath], limit: float) -> Figure:
     """Draw accuracy and repeatability along the path with their limit [µm], and the repeatability by varied source."""
-    path = paths[ALL]
+    path = paths[ALL_VARIATIONS]
     accuracy = UM * path.accuracy
     reach = UM * path.repeatability
     with sheet(9.0, 6.6) as figure:
@@ -174,8 +174,8 @@ def _draw_along(paths: dict[str, RepeatedPath], limit: float) -> Figure:
         above.plot(path.s, accuracy, color=INK, lw=1.2, label="accuracy AT: mean of the repeats to the path")
         k = int(accuracy.argmax())
         above.plot(path.s[k], accuracy[k], "v", ms=7, color=COLOURS["fault"], label=f"ATp = {accuracy[k]:.2f} µm")
-        below.plot(path.s, reach, color=INK, lw=1.4, label=f"{ALL} varied, RTp = {reach.max():.2f} µm")
-        sources = {name: source for name, source in paths.items() if name != ALL}
+        below.plot(path.s, reach, color=INK, lw=1.4, label=f"{ALL_VARIATIONS} varied, RTp = {reach.max():.2f} µm")
+        sources = {name: source for name, source in paths.items() if name != ALL_VARIATIONS}
         for colour, (varied, alone) in zip(RUNS, sources.items(), strict=False):
             label = f"{varied} alone, {UM * alone.path_repeatability:.2f} µm"
             below.plot(alone.s, UM * alone.repeatability, color=colour, lw=1.0, label=label)

@@ -29,13 +29,13 @@ from gantrysim.study.study import Rounds, Study
 
 CYCLES = 5
 TARGETS = 11
-_SHARE = 0.9  # of the travel that the targets span
+_TRAVEL_SHARE = 0.9  # of the travel that the targets span
 _OVERRUN = 0.02  # of the travel, beyond the outer targets
 # mean speed between targets, at most [mm/s], and of the axis' limit
 _SPEED = 100.0
 _SHARE_OF_LIMIT = 0.5
 # of a motion and of a stop [s]
-_SHORTEST = 0.2
+_SHORTEST_TIME = 0.2
 _DWELL = 0.2
 _GOLDEN = 0.6180339887498949
 
@@ -48,7 +48,7 @@ def linear_axes(job: Job) -> tuple[str, ...]:
 def targets_of(travel: tuple[float, float]) -> Floats:
     """Return the targets, each at another place within its interval so that they meet all phases of a screw's turn."""
     low, high = travel
-    edge = 0.5 * (1 - _SHARE) * (high - low)
+    edge = 0.5 * (1 - _TRAVEL_SHARE) * (high - low)
     step = (high - low - 2 * edge) / TARGETS
     return low + edge + step * (np.arange(TARGETS) + (_GOLDEN * np.arange(TARGETS)) % 1.0)
 
@@ -112,7 +112,7 @@ def _motion(stops: Floats, speed: float, period: float) -> tuple[Floats, Floats]
     pieces = [np.full(round(_DWELL / period), stops[0])]
     stopped = [pieces[0].size - 1]
     for begin, end in pairwise(stops.tolist()):
-        count = max(round(max(abs(end - begin) / speed, _SHORTEST) / period), 1)
+        count = max(round(max(abs(end - begin) / speed, _SHORTEST_TIME) / period), 1)
         s = np.arange(1, count + 1) / count
         pieces += [begin + (end - begin) * s**3 * (10 - 15 * s + 6 * s**2), np.full(round(_DWELL / period), end)]
         stopped.append(sum(piece.size for piece in pieces) - 1)
@@ -122,7 +122,7 @@ def _motion(stops: Floats, speed: float, period: float) -> tuple[Floats, Floats]
 # A repeat of a job: a case that may start between two servo ticks, and its nozzle's offset from the path.
 
 PHASES = 8  # of a servo period, in which a program may start
-ALL = "all"  # name of the variation of everything
+ALL_VARIATIONS = "all"  # name of the variation of everything
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ def _row(run: Run, places: Sequence[float]) -> Row:
 
 
 _MOST_REPEATS = 10_000  # repeats
-_WIDEST = 1.0  # standard deviation of the logarithm of a friction factor
+_WIDEST_SCATTER = 1.0  # standard deviation of the logarithm of a friction factor
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ class RepeatStudy(Study):
         whole_number("places", self.places, 2)
         whole_number("seed", self.seed, 0)
         # factors beyond e to the fourth are no friction
-        at_least("friction", self.friction, 0, most=_WIDEST)
+        at_least("friction", self.friction, 0, most=_WIDEST_SCATTER)
 
     @cached_property
     def s(self) -> Floats:
@@ -287,15 +287,15 @@ class RepeatStudy(Study):
         cases = []
         # a single source is all that varies
         alone = self.sources if len(self.sources) > 1 else ()
-        for varied in (ALL, *alone):
+        for varied in (ALL_VARIATIONS, *alone):
             for k in range(self.repeats):
                 perturbation = Perturbation()
-                if self.friction and varied in (ALL, "friction"):
+                if self.friction and varied in (ALL_VARIATIONS, "friction"):
                     perturbation = replace(perturbation, friction=tuple(friction[k]), viscous=tuple(viscous[k]))
-                if varied in (ALL, "home offset"):
+                if varied in (ALL_VARIATIONS, "home offset"):
                     perturbation = replace(perturbation, home_offset=tuple(home[k]))
                 case = RepeatCase.of(self.job, perturbation=perturbation, varied=varied, repeat=k + 1)
-                if has_phase(self.job) and varied in (ALL, "phase"):
+                if has_phase(self.job) and varied in (ALL_VARIATIONS, "phase"):
                     case = replace(case, phase=int(phase[k]))
                 cases.append(case)
         yield cases
@@ -308,7 +308,7 @@ class RepeatStudy(Study):
         """
         if self.job.built_machine.geometry is None:
             return {}
-        cases = [case for case in next(iter(self.rounds())) if ("varied", ALL) in case.tags]
+        cases = [case for case in next(iter(self.rounds())) if ("varied", ALL_VARIATIONS) in case.tags]
         varied = [case.perturbation or Perturbation() for case in cases[:CYCLES]]
         return {name: positioning(self.job, name, varied) for name in linear_axes(self.job)}
 

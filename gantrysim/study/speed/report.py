@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # The speed from which a faster program does not shorten a job.
 
-_SATURATED = 1.02  # times the least duration: as short as the limits let it be
+_SATURATED_DURATION = 1.02  # times the least duration: as short as the limits let it be
 
 
 class Saturation(NamedTuple):
@@ -50,7 +50,7 @@ def durations(good: Sequence[Row]) -> dict[float, float]:
 def saturation_of(durations: Mapping[float, float]) -> Saturation | None:
     """Return the saturation of runs from the duration of each speed; None if the speeds do not reach it."""
     least = min(durations.values())
-    enough = min(speed for speed, duration in durations.items() if duration <= _SATURATED * least)
+    enough = min(speed for speed, duration in durations.items() if duration <= _SATURATED_DURATION * least)
     return None if enough == max(durations) else Saturation(enough, least)
 
 

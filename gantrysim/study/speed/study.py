@@ -25,8 +25,8 @@ SPEED_DIGITS = 4  # of a speed that is tried, and of the values that follow from
 RESOLUTION = 0.01  # relative width of the bracket of the fastest speed
 _SWEEP = 9  # speeds of the first round, half an octave apart, the programmed one in the middle
 _OCTAVES = 2  # on both sides of the programmed speed
-_FURTHER = 3  # more octaves on either side, one after the other, where the limit lies beyond
-_INSIDE = 3  # speeds per round inside the bracket
+_FURTHER_OCTAVES = 3  # more octaves on either side, one after the other, where the limit lies beyond
+_SPEEDS_INSIDE = 3  # speeds per round inside the bracket
 
 
 class Grade(IntEnum):
@@ -125,7 +125,7 @@ def next_speeds(tried: dict[float, bool], programmed_speed: float, resolution: f
         return _rounded_speeds(programmed_speed * np.geomspace(2.0**-_OCTAVES, 2.0**_OCTAVES, _SWEEP))
     result = answer(tried)
     speeds = sorted(tried)
-    furthest = 2.0 ** (_OCTAVES + _FURTHER) * (1 - 1e-3)
+    furthest = 2.0 ** (_OCTAVES + _FURTHER_OCTAVES) * (1 - 1e-3)
     if result.fastest is None:
         if speeds[0] * furthest <= programmed_speed:
             return []
@@ -136,7 +136,7 @@ def next_speeds(tried: dict[float, bool], programmed_speed: float, resolution: f
         return _rounded_speeds(np.array([math.sqrt(2.0), 2.0]) * speeds[-1])
     if result.above <= result.fastest * (1 + resolution):
         return []
-    inside = _rounded_speeds(np.geomspace(result.fastest, result.above, _INSIDE + 2)[1:-1])
+    inside = _rounded_speeds(np.geomspace(result.fastest, result.above, _SPEEDS_INSIDE + 2)[1:-1])
     return [speed for speed in inside if speed not in tried]
 
 

@@ -37,7 +37,7 @@ OF_LARGEST = frozenset(name for name, (_, statistic) in _QUANTITIES.items() if s
 METRICS = {name: error.phrase(statistic) for name, (error, statistic) in _QUANTITIES.items()}
 RIPPLE = TORQUE_RIPPLE_PERCENT.key
 
-_TOGETHER = 8  # runs whose records are held at once
+_RUNS_TOGETHER = 8  # runs whose records are held at once
 _FAULT_TIME = "fault_time_s"
 
 
@@ -77,8 +77,8 @@ def measure_together(cases: Sequence[Case], metric: str = "contour_rms") -> list
         GantryError: a case changes something else.
     """
     rows: list[Row] = []
-    for first in range(0, len(cases), _TOGETHER):
-        lot = cases[first : first + _TOGETHER]
+    for first in range(0, len(cases), _RUNS_TOGETHER):
+        lot = cases[first : first + _RUNS_TOGETHER]
         try:
             rows += [_row(run, case, metric) for run, case in zip(_simulated_runs(lot), lot, strict=True)]
         except InputError:  # one of them is refused

@@ -15,7 +15,7 @@ from gantrysim.servo.servo import Servo
 from gantrysim.study.drawing import logarithmic
 from gantrysim.study.tuning.candidates import RANKS
 from gantrysim.study.tuning.search import History, Phase
-from gantrysim.study.tuning.space import SEARCHED
+from gantrysim.study.tuning.space import SEARCHED_GAINS
 from gantrysim.study.tuning.stability import Stability
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ _RANK_STYLES: dict[int, dict[str, Any]] = {
     3: {"marker": "D", "mfc": "none", "mec": RUNS[2]},
 }
 _FREQUENCIES = 1500
-_LOWEST = 1e-3  # of half the servo's frequency
+_LOWEST_FREQUENCY = 1e-3  # of half the servo's frequency
 
 
 def draw_search(history: History, label: str, ripple: float) -> Figure:
@@ -73,7 +73,7 @@ def _draw_leaders(axes: Axes, history: History) -> None:
     """Draw the gains of the first axis of every leader as multiples of the tuned ones."""
     runs = [leader.runs for leader in history.leaders]
     drawn = []
-    for name, colour in zip(SEARCHED, _GAIN_COLOURS, strict=True):
+    for name, colour in zip(SEARCHED_GAINS, _GAIN_COLOURS, strict=True):
         values = np.array([leader.servo.per_axis(name)[0] for leader in history.leaders])
         if not values[-1] > 0:
             continue
@@ -89,7 +89,7 @@ def _draw_leaders(axes: Axes, history: History) -> None:
 
 def draw_gains(start: Servo, tuned: Servo, axes: Sequence[str]) -> Figure:
     """Draw the ratio of every tuned gain to that of the start, a bar for each axis."""
-    names = SEARCHED
+    names = SEARCHED_GAINS
     width = 0.8 / len(axes)
     old = np.array([start.per_axis(name) for name in names])
     new = np.array([tuned.per_axis(name) for name in names])
@@ -124,7 +124,7 @@ def draw_loops(stability: Stability, start: Servo, tuned: Servo, axes: Sequence[
         axes: their names.
     """
     nyquist = 0.5 / start.period
-    frequency = np.geomspace(_LOWEST * nyquist, nyquist, _FREQUENCIES)
+    frequency = np.geomspace(_LOWEST_FREQUENCY * nyquist, nyquist, _FREQUENCIES)
     radius = 1 / stability.peak
     with sheet(10.7, 5.0) as figure:
         near_point, peaks = figure.subplots(1, 2, width_ratios=(1, 1.25))

@@ -44,7 +44,7 @@ from gantrysim.study.tuning.study import TuningStudy
 
 # The answer of a tuning: whether better gains were found, and what the verdict is with them.
 
-_FEASIBLE = 1  # rank of a candidate that keeps all limits
+_FEASIBLE_RANK = 1  # rank of a candidate that keeps all limits
 
 
 def question(study: TuningStudy) -> str:
@@ -60,7 +60,7 @@ def answer(study: TuningStudy, rows: Sequence[Row]) -> str:
         rate = rated_candidate(study, history.start)
         return f"No better gains found: {name}, stays at {rate}{_verdict(study, history)}."
     change = f"{name}, is {rated_candidate(study, history.best)} instead of {rated_candidate(study, history.start)}"
-    if history.best.order(0.01 * study.ripple)[0] != _FEASIBLE:
+    if history.best.order(0.01 * study.ripple)[0] != _FEASIBLE_RANK:
         return f"No gains within the limits of the search found: with the best of the others the {change}."
     return f"Run with --servo {TUNED}: the {change}{_verdict(study, history)}."
 
@@ -96,7 +96,7 @@ def _verdict(study: TuningStudy, history: History) -> str:
 
 _AT_LIMIT = 0.98  # share of a limit from which it counts as reached
 _CHART = "path"  # the plot of start and tuned over one another
-_ENDED = {
+_REASONS_OF_END = {
     "budget": "budget used up",
     "converged": "less than 0.2 % gained by three simplexes in succession",
     "no candidate": "no candidate kept the margin",
@@ -144,7 +144,7 @@ def notes(study: TuningStudy, rows: Sequence[Row]) -> list[str]:
         *remarks,
         f"Nelder-Mead over {', '.join(study.space.gains)}, {axes}, seed {study.seed}: {history.runs} runs (budget "
         f"{study.budget}) of {len(history.candidates)} candidates in {history.rounds} rounds; skipped, as no "
-        f"frequency met the margin: {history.skipped}; ended: {_ENDED[history.ended]}.",
+        f"frequency met the margin: {history.skipped}; ended: {_REASONS_OF_END[history.ended]}.",
         f"{TUNED} holds the tuned gains, for gantrysim run --servo or the table [servo] of the job.",
     ]
 

@@ -32,7 +32,7 @@ _Measurement = Generator[list[Floats], Sequence[Key], "list[Vertex]"]
 
 # A simplex has converged if no coordinate differs by more, or if its points have one rank and such equal amounts.
 _SMALL_SIDE = 0.02
-_FLAT = 5e-4
+_FLAT_OBJECTIVE = 5e-4
 
 
 class Vertex(NamedTuple):
@@ -77,7 +77,7 @@ class Simplex:
         """Whether the simplex is small, or its points are equally good."""
         least_rank, least = min(map(self._key, self._vertices))
         rank, amount = max(map(self._key, self._vertices))
-        return self.size < _SMALL_SIDE or (rank == least_rank and amount - least < _FLAT)
+        return self.size < _SMALL_SIDE or (rank == least_rank and amount - least < _FLAT_OBJECTIVE)
 
     def descend(self) -> Descent:
         """Yield points to be measured, and receive the keys of all candidates, the points' last, until converged."""
@@ -128,9 +128,9 @@ class Simplex:
         return [Vertex(point, first + k) for k, point in enumerate(clipped)]
 
 
-_STEP = 0.2  # of a new simplex
+_SIMPLEX_STEP = 0.2  # of a new simplex
 _PROGRESS = 0.002  # share by which the metric must fall
-_IDLE = 3  # simplexes in succession without progress, after which there are no more rounds
+_IDLE_SIMPLEXES = 3  # simplexes in succession without progress, after which there are no more rounds
 _LEAST_METRIC = 1e-12  # of a metric or a torque ripple
 
 
@@ -151,7 +151,7 @@ def rounds(
     # which may be the start of the search
     begins[0] = estimates.best()
     idle = 0
-    while begins or idle < _IDLE:
+    while begins or idle < _IDLE_SIMPLEXES:
         best = estimates.best()
         start = begins.pop(0) if begins else best
         centre = estimates.points[start]
@@ -176,8 +176,8 @@ def rounds(
 def _around(centre: Floats, signs: Floats, bounds: Floats) -> list[Floats]:
     """Return a point in the direction of each coordinate, (d,), on the other side where a bound is near."""
     low, high = bounds.T
-    ahead = centre + _STEP * signs
-    steps = _STEP * np.where((low <= ahead) & (ahead <= high), signs, -signs)
+    ahead = centre + _SIMPLEX_STEP * signs
+    steps = _SIMPLEX_STEP * np.where((low <= ahead) & (ahead <= high), signs, -signs)
     return list(np.clip(centre + np.diag(steps), low, high))
 
 

@@ -47,11 +47,11 @@ from gantrysim.study.tuning.stability import Fastest, Stability
 
 # The edge of the margin: the fastest loops of each shape, and the stiffest shape.
 
-_STEP = 0.3  # of the first simplex of the scan
+_SIMPLEX_STEP = 0.3  # of the first simplex of the scan
 _SHAPES = 40  # of a scan, for each coordinate of the loop
 _LAST_SIDE = 0.01  # side of the scan's last simplex
-_FLAT = 0.005  # and difference of the gains' logarithms there
-_MISSED = 50.0  # in place of the negative logarithm of a gain where no frequency keeps the margin
+_FLAT_GAINS = 0.005  # and difference of the gains' logarithms there
+_MISSED_MARGIN = 50.0  # in place of the negative logarithm of a gain where no frequency keeps the margin
 _LEAST_GAIN = 1e-30  # of a gain
 
 
@@ -112,14 +112,14 @@ class MarginEdge:
             shape = shape_at(loop)
             fastest = self.fastest(shape)
             if fastest.excess > 0:
-                return _MISSED + fastest.excess
+                return _MISSED_MARGIN + fastest.excess
             servo = self.space.servo(fastest.frequencies, shape)
             values = np.array([servo.per_axis(name) for name in gains])
             return -float(np.log(np.maximum(values, _LEAST_GAIN)).sum(axis=0).mean())
 
         start = natural[: count * groups : groups]
-        simplex = np.vstack([start, start - _STEP * np.eye(count)])
-        options = {"initial_simplex": simplex, "xatol": _LAST_SIDE, "fatol": _FLAT, "maxfev": _SHAPES * count}
+        simplex = np.vstack([start, start - _SIMPLEX_STEP * np.eye(count)])
+        options = {"initial_simplex": simplex, "xatol": _LAST_SIDE, "fatol": _FLAT_GAINS, "maxfev": _SHAPES * count}
         stiffest = minimize(softness, start, method="Nelder-Mead", options=options).x
         return np.clip(shape_at(stiffest), *self.space.bounds.T)
 
@@ -128,10 +128,10 @@ Ended = Literal["budget", "converged", "no candidate"]
 Phase = Literal["start", "tuned"]
 
 _RHO = -1.5  # lower bound of rho, relative to the start
-_CONFIRMED = 0.002  # share by which a candidate must be better on one machine to be run on the others
-_LESS = 0.5  # coordinate of a smaller acceleration feed-forward: a third of the inertia
+_CONFIRMED_GAIN = 0.002  # share by which a candidate must be better on one machine to be run on the others
+_LESS_FEEDFORWARD = 0.5  # coordinate of a smaller acceleration feed-forward: a third of the inertia
 _FAR_MORE = (2.2, 3.1)  # coordinates of velocity feed-forwards: 11 and 68 times the viscous torque
-_ROUNDED = 1e-3  # relative difference of gains that counts as none
+_EQUAL_GAINS = 1e-3  # relative difference of gains that counts as none
 
 
 @dataclass(frozen=True)
@@ -233,7 +233,7 @@ class _Runs:
         while contenders:
             first = min(contenders, key=lambda candidate: candidate.order(ripple))
             others = [machine for machine in range(self.limits.machines) if machine not in first.results]
-            if not _better(first, self.leaders[-1], ripple, 0.0 if last or not others else _CONFIRMED):
+            if not _better(first, self.leaders[-1], ripple, 0.0 if last or not others else _CONFIRMED_GAIN):
                 break
             if not others:
                 self.lead(first)
@@ -308,7 +308,9 @@ def _first_points(edge: MarginEdge, begin: Floats, start: Candidate) -> list[Flo
     shapes = [begin[space.groups :], space.natural, edge.stiffest()]
     # the metric may have another valley there
     if "a" in space.coordinates:
-        shapes += [np.concatenate([shape[: -space.groups], np.full(space.groups, _LESS)]) for shape in shapes[1:]]
+        shapes += [
+            np.concatenate([shape[: -space.groups], np.full(space.groups, _LESS_FEEDFORWARD)]) for shape in shapes[1:]
+        ]
     edges = [np.concatenate([np.zeros(space.groups), shape]) for shape in shapes]
     if start.point.size or np.array_equal(begin, edges[0]):
         return edges
@@ -334,7 +336,7 @@ def _better(candidate: Candidate, leader: Candidate, ripple: float, share: float
 
 def _alike(servo: Servo, other: Servo) -> bool:
     """Return whether servos have equal gains, but for rounding."""
-    return all(np.allclose(servo.per_axis(name), other.per_axis(name), _ROUNDED) for name in GAIN_NAMES)
+    return all(np.allclose(servo.per_axis(name), other.per_axis(name), _EQUAL_GAINS) for name in GAIN_NAMES)
 
 
 def box(edge: MarginEdge) -> tuple[Floats, Floats]:

@@ -10,12 +10,12 @@ from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings, laid_over
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import PD, PID
-from gantrysim.servo.request import DERIVED
+from gantrysim.servo.request import DERIVED_VALUES
 from gantrysim.servo.servo import Servo
 
 TUNED = "tuned.toml"
 
-UNITS = {parameter.name: parameter.unit for parameter in DERIVED}  # u is the axis' own unit
+UNITS = {parameter.name: parameter.unit for parameter in DERIVED_VALUES}  # u is the axis' own unit
 
 
 def unit_of(name: str, units: Sequence[str]) -> str:

@@ -34,7 +34,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.servo.axis_dynamics import AxisDynamics
 from gantrysim.servo.servo import Servo
 
-SEARCHED = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")  # the gains that a search space sets
+SEARCHED_GAINS = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff")  # the gains that a search space sets
 _COORDINATES = {"ki": "n", "velocity_ff": "v", "acceleration_ff": "a"}  # of the gains that may be held at zero
 SPACES = {"pd": ("w", "zeta", "v", "a"), "pid": ("w", "zeta", "n", "v", "a")}
 
@@ -43,9 +43,9 @@ _VISCOUS_SHARE = 0.01  # of kd, in place of b where an axis has none
 _DIGITS = 4  # of a gain, as a drive's parameters have them
 
 # Bounds of a shape: a decade beyond start and natural number; feed-forwards from 0 to 100 times the natural one.
-_ROOM = 1.0
-_SHARES = (0.0, 100.0)
-_BEND = 2.0  # where the scale of v and a turns from linear to logarithmic
+_DECADES_BEYOND = 1.0
+_FEEDFORWARD_BOUNDS = (0.0, 100.0)
+_LINEAR_UP_TO = 2.0  # where the scale of v and a turns from linear to logarithmic
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class SearchSpace:
     @property
     def gains(self) -> tuple[str, ...]:
         """Names of the gains that are searched."""
-        return tuple(gain for gain in SEARCHED if _COORDINATES.get(gain, "w") in self.coordinates)
+        return tuple(gain for gain in SEARCHED_GAINS if _COORDINATES.get(gain, "w") in self.coordinates)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -100,7 +100,7 @@ class SearchSpace:
         for name in self.coordinates:
             share = numbers[name] / natural[name]
             if name in "va":
-                coordinates[name] = np.arcsinh(np.maximum(share, 0) * math.sinh(_BEND)) / _BEND
+                coordinates[name] = np.arcsinh(np.maximum(share, 0) * math.sinh(_LINEAR_UP_TO)) / _LINEAR_UP_TO
             else:
                 usable = np.isfinite(share) & (share > 0)
                 coordinates[name] = np.log10(np.where(usable, share, 1.0))
@@ -128,7 +128,7 @@ class SearchSpace:
         names = self.coordinates[1:]
         number = {"w": self._natural["w"] * 10.0**frequencies}
         for name, u in zip(names, shape.reshape(len(names), self.groups), strict=True):
-            share = np.sinh(_BEND * u) / math.sinh(_BEND) if name in "va" else 10.0**u
+            share = np.sinh(_LINEAR_UP_TO * u) / math.sinh(_LINEAR_UP_TO) if name in "va" else 10.0**u
             number[name] = self._natural[name] * share
         w = number["w"]
         kp = self._inertia * number["w"] ** 2
@@ -147,11 +147,14 @@ class SearchSpace:
 
     def _bounds_of(self, shape: Floats) -> Floats:
         names = np.repeat(self.coordinates[1:], self.groups)
-        low = math.asinh(_SHARES[0] * math.sinh(_BEND)) / _BEND
-        high = math.asinh(_SHARES[1] * math.sinh(_BEND)) / _BEND
+        low = math.asinh(_FEEDFORWARD_BOUNDS[0] * math.sinh(_LINEAR_UP_TO)) / _LINEAR_UP_TO
+        high = math.asinh(_FEEDFORWARD_BOUNDS[1] * math.sinh(_LINEAR_UP_TO)) / _LINEAR_UP_TO
         linear = np.isin(names, ("v", "a"))
         return np.stack(
-            [np.where(linear, low, np.minimum(shape, 0) - _ROOM), np.where(linear, high, np.maximum(shape, 0) + _ROOM)],
+            [
+                np.where(linear, low, np.minimum(shape, 0) - _DECADES_BEYOND),
+                np.where(linear, high, np.maximum(shape, 0) + _DECADES_BEYOND),
+            ],
             axis=1,
         )
 

@@ -24,12 +24,12 @@ from gantrysim.servo.stability.margins import Margins, Plant, sensitivities
 from gantrysim.servo.stability.motion import Drives
 from gantrysim.study.tuning.space import SearchSpace
 
-_UNSTABLE = 10.0  # excess of a barely unstable loop, above that of any stable one
+_UNSTABLE_EXCESS = 10.0  # excess of a barely unstable loop, above that of any stable one
 _MIN_GAIN = 1e-6
-_STEP = 0.03  # first step of the search for a bracket [decades of w]
+_BRACKET_STEP = 0.03  # first step of the search for a bracket [decades of w]
 _WIDTH = 0.0003  # of the bracket at which the search ends [decades of w]
 _TOLERANCE = 0.0005  # of the excess below 0, at which it ends as well
-_REACH = 2.0  # to both sides of the natural frequency [decades of w]
+_DECADES_AROUND = 2.0  # to both sides of the natural frequency [decades of w]
 
 
 def sensitivity_bound(margin: float) -> float:
@@ -63,7 +63,7 @@ class Fastest:
     binding: tuple[int, ...] = (0,)
 
 
-_PLAIN = Drives()
+_PLAIN_DRIVES = Drives()
 
 
 class Stability:
@@ -90,7 +90,7 @@ class Stability:
         period: float,
         delay: float,
         margin: float,
-        drives: Drives = _PLAIN,
+        drives: Drives = _PLAIN_DRIVES,
     ) -> None:
         self.peak = sensitivity_bound(margin)
         self.machines = len(machines)
@@ -161,7 +161,7 @@ class Stability:
     def _excess_of(self, margins: Margins) -> float:
         if margins.stable:
             return math.log(max(margins.sensitivity, _MIN_GAIN) / self.peak)
-        return _UNSTABLE - math.log(max(margins.gain, _MIN_GAIN))
+        return _UNSTABLE_EXCESS - math.log(max(margins.gain, _MIN_GAIN))
 
     def fastest(self, space: SearchSpace, shape: Floats, guess: Fastest) -> Fastest:
         """Return the fastest loops of a shape that keep the margin on all machines.
@@ -189,7 +189,7 @@ class Stability:
             start = edge.frequencies
             # coupled axes: each group kept the margin only by itself
             if worst in binding:
-                start = start - _STEP
+                start = start - _BRACKET_STEP
                 together = True
             else:
                 binding = (*binding, worst)
@@ -207,7 +207,7 @@ class Stability:
         excess_at_high = high.copy()
         least = high.copy()
         frequencies = guess
-        step = _STEP
+        step = _BRACKET_STEP
         while True:
             servo = space.servo(frequencies, shape)
             excess = self.excess(servo, machines).reshape(space.groups, -1).max(axis=1)
@@ -221,16 +221,18 @@ class Stability:
             excess_at_high = np.where(keeps, excess_at_high, excess)
             none_kept = np.isneginf(low)
             none_missed = np.isposinf(high)
-            if np.any(none_kept & (high < np.minimum(guess, 0) - _REACH)):
+            if np.any(none_kept & (high < np.minimum(guess, 0) - _DECADES_AROUND)):
                 return Fastest(frequencies, float(least.max()), tuple(machines))
-            done = (high - low <= _WIDTH) | (excess_at_low > -_TOLERANCE) | (low > np.maximum(guess, 0) + _REACH)
+            done = (
+                (high - low <= _WIDTH) | (excess_at_low > -_TOLERANCE) | (low > np.maximum(guess, 0) + _DECADES_AROUND)
+            )
             if done.all():
                 return Fastest(low)
             # where an end of the bracket is not known yet
             with np.errstate(invalid="ignore"):
                 # the excess of an unstable loop jumps, so a straight line through it would mislead: halve instead
                 false_position = np.clip(excess_at_low / (excess_at_low - excess_at_high), 0.1, 0.9)
-                share = np.where(excess_at_high < _UNSTABLE, false_position, 0.5)
+                share = np.where(excess_at_high < _UNSTABLE_EXCESS, false_position, 0.5)
                 inside = low + share * (high - low)
             frequencies = np.where(none_missed, low + step, inside)
             frequencies = np.where(none_kept, high - step, frequencies)

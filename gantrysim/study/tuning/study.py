@@ -38,7 +38,7 @@ _BOUNDS = (
     ("unseen", 0, math.inf),
     ("budget", 1, math.inf),
 )
-_UNSEEN: dict[Phase, str] = {"start": "unseen, before", "tuned": "unseen, after"}  # values of the column "stage"
+_UNSEEN_STAGES: dict[Phase, str] = {"start": "unseen, before", "tuned": "unseen, after"}  # values of the column "stage"
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ class TuningStudy(Study):
         self._histories[:] = [(measured, history)]
         if self.unseen:
             yield [
-                self._case(_UNSEEN[phase], candidate, number, perturbation)
+                self._case(_UNSEEN_STAGES[phase], candidate, number, perturbation)
                 for phase, candidate in history.phases.items()
                 for number, perturbation in enumerate(self.unseen_perturbations, 1)
             ]
@@ -268,7 +268,7 @@ class TuningStudy(Study):
 
     def unseen_rows(self, rows: Sequence[Row], phase: Phase) -> list[Row]:
         """Return the rows of the final check, with the gains of the start or the tuned gains."""
-        return [row for row in rows if row["stage"] == _UNSEEN[phase]]
+        return [row for row in rows if row["stage"] == _UNSEEN_STAGES[phase]]
 
     def run(self, servo: Servo) -> Run:
         """Return the record of the job on its own machine with a servo."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from gantrysim.base.errors import InputError
 from gantrysim.record.run_file import Fault
 from gantrysim.render.strip import round_step
-from gantrysim.render.view.clock import FASTEST, SLOWEST, Clock, Pace
+from gantrysim.render.view.clock import FASTEST_PACE, SLOWEST_PACE, Clock, Pace
 from gantrysim.render.view.texts import (
     LIVE_KEYS,
     REPLAY_KEYS,
@@ -48,7 +48,7 @@ def test_clock_is_the_sum_of_speed_times_time(start, speed, events):
             clock, expected = clock.moved(expected - 1.0, now), max(expected - 1.0, 0.0)
         else:
             factor = 2.0 if event == "x2" else 0.5
-            clock, speed = clock.scaled(factor, now), min(max(speed * factor, SLOWEST), FASTEST)
+            clock, speed = clock.scaled(factor, now), min(max(speed * factor, SLOWEST_PACE), FASTEST_PACE)
         assert clock.at(now) == pytest.approx(expected, rel=CLOCK, abs=CLOCK * (1 + now) * speed)
         assert clock.is_paused is not runs
         assert clock.speed == speed
@@ -66,11 +66,11 @@ def test_clock_stays_at_its_end_and_before_its_start():
 
 
 def test_keys_keep_the_speed_within_its_bounds_or_the_requested_one():
-    fast = Clock(5 * FASTEST, since=0.0)
-    assert fast.scaled(2.0, 0.0).speed == 5 * FASTEST
-    assert fast.scaled(0.5, 0.0).speed == 2.5 * FASTEST
-    assert Clock(FASTEST, since=0.0).scaled(2.0, 0.0).speed == FASTEST
-    assert Clock(SLOWEST, since=0.0).scaled(0.5, 0.0).speed == SLOWEST
+    fast = Clock(5 * FASTEST_PACE, since=0.0)
+    assert fast.scaled(2.0, 0.0).speed == 5 * FASTEST_PACE
+    assert fast.scaled(0.5, 0.0).speed == 2.5 * FASTEST_PACE
+    assert Clock(FASTEST_PACE, since=0.0).scaled(2.0, 0.0).speed == FASTEST_PACE
+    assert Clock(SLOWEST_PACE, since=0.0).scaled(0.5, 0.0).speed == SLOWEST_PACE
 
 
 @pytest.mark.parametrize(

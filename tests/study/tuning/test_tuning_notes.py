@@ -24,7 +24,7 @@ def test_limits_are_reached_from_a_fiftieth_below_them_and_not_beyond(monkeypatc
     budget = SimpleNamespace(values=SimpleNamespace(parts=parts))
     monkeypatch.setattr(report, "_budgets", lambda *_: {"tuned": budget})
     best = SimpleNamespace(servo=None, ripple=ripple)
-    ended = next(iter(report._ENDED))
+    ended = next(iter(report._REASONS_OF_END))
     history = SimpleNamespace(best=best, runs=40, candidates=[1, 2, 3], rounds=7, skipped=5, ended=ended)
     margins = [SimpleNamespace(sensitivity=1.0), SimpleNamespace(sensitivity=sensitivity)]
     study = SimpleNamespace(

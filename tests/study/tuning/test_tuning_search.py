@@ -10,7 +10,7 @@ import pytest
 from gantrysim import Machine, Servo
 from gantrysim.study.tuning.candidates import Candidate, SearchLimits, TrialResult
 from gantrysim.study.tuning.rounds import Estimates, rounds
-from gantrysim.study.tuning.search import _LESS, _first_points, search
+from gantrysim.study.tuning.search import _LESS_FEEDFORWARD, _first_points, search
 from gantrysim.study.tuning.space import SearchSpace
 from gantrysim.study.tuning.stability import Fastest, Stability
 
@@ -347,7 +347,7 @@ def test_the_first_points_are_shapes_at_the_edge_each_also_with_less_of_the_last
     begin = np.arange(size + 2) + 20.0
     shapes = [begin[2:], natural, stiffest]
     if "a" in coordinates:
-        shapes += [np.append(shape[:-2], [_LESS, _LESS]) for shape in (natural, stiffest)]
+        shapes += [np.append(shape[:-2], [_LESS_FEEDFORWARD, _LESS_FEEDFORWARD]) for shape in (natural, stiffest)]
     points = _first_points(edge, begin, SimpleNamespace(point=np.zeros(0)))
     expected = [begin, *(np.append([0.0, 0.0], shape) for shape in shapes)]
     assert [point.tolist() for point in points] == [point.tolist() for point in expected]

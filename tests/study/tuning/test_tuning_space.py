@@ -16,7 +16,7 @@ from gantrysim.servo.stability.margins import Plant
 from gantrysim.study.tuning.candidates import TrialResult
 from gantrysim.study.tuning.objective import RIPPLE, trial_result
 from gantrysim.study.tuning.servo import servo_toml, tuned_toml
-from gantrysim.study.tuning.space import SEARCHED, SPACES, SearchSpace
+from gantrysim.study.tuning.space import SEARCHED_GAINS, SPACES, SearchSpace
 from gantrysim.study.tuning.stability import Fastest, Stability, phase_margin
 
 from support.soaked import examples, suite_runs
@@ -258,7 +258,7 @@ def test_tuned_values_laid_over_the_job_give_the_tuned_servo(tmp_path, law):
     """A job whose own gains, damping by the measured velocity and law differ from what the search has found."""
     own = ["servo.kp=0.3", "servo.kd=0.004", "servo.output_velocity=-0.001", "servo.delay=0.0005", 'servo.law="pd"']
     job = Job.load("softmc-arc", own)
-    gains = SEARCHED if law == "pid" else [name for name in SEARCHED if name != "ki"]
+    gains = SEARCHED_GAINS if law == "pid" else [name for name in SEARCHED_GAINS if name != "ki"]
     tuned = {name: (0.01 * k, 0.02 * k) for k, name in enumerate(gains, 1)} | {"output_velocity": (0.0, 0.0)}
     servo = job.built_servo.with_values(**tuned)
     text = tuned_toml(job, servo, gains, ["by hand"])

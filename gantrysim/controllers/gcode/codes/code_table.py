@@ -19,7 +19,7 @@ Handler = Callable[[ProgramState, WordBlock], None]
 Decorator = Callable[[Handler], Handler]
 Dialects = Iterable[GCodeDialect]
 
-ALL = (LINUXCNC, SLICER)
+ALL_DIALECTS = (LINUXCNC, SLICER)
 _NAME = re.compile(r"([gm])([0-9]+)(?:_([0-9]))?")
 
 
@@ -64,10 +64,12 @@ class Code:
     halts: bool = False
 
 
-CODES: dict[str, dict[str, Code]] = {dialect.name: {} for dialect in ALL}  # by dialect and name
+CODES: dict[str, dict[str, Code]] = {dialect.name: {} for dialect in ALL_DIALECTS}  # by dialect and name
 
 
-def motion(moved_by: str = "", straight: bool = False, dialects: Dialects = ALL, is_cycle: bool = False) -> Decorator:
+def motion(
+    moved_by: str = "", straight: bool = False, dialects: Dialects = ALL_DIALECTS, is_cycle: bool = False
+) -> Decorator:
     """Add a code of motion, which axis words and the given letters begin."""
 
     def add(handler: Handler) -> Handler:
@@ -81,7 +83,7 @@ def motion(moved_by: str = "", straight: bool = False, dialects: Dialects = ALL,
     return add
 
 
-def setting(group: str, dialects: Dialects = ALL) -> Decorator:
+def setting(group: str, dialects: Dialects = ALL_DIALECTS) -> Decorator:
     """Add a code that sets a mode."""
 
     def add(handler: Handler) -> Handler:
@@ -91,7 +93,7 @@ def setting(group: str, dialects: Dialects = ALL) -> Decorator:
     return add
 
 
-def action(dialects: Dialects = ALL, shares_words: bool = False) -> Decorator:
+def action(dialects: Dialects = ALL_DIALECTS, shares_words: bool = False) -> Decorator:
     """Add a code that is carried out once, with the words of its block."""
 
     def add(handler: Handler) -> Handler:
@@ -101,7 +103,7 @@ def action(dialects: Dialects = ALL, shares_words: bool = False) -> Decorator:
     return add
 
 
-def auxiliary(dialects: Dialects = ALL, halts: bool = False) -> Decorator:
+def auxiliary(dialects: Dialects = ALL_DIALECTS, halts: bool = False) -> Decorator:
     """Add an M code, which is carried out at rest or not."""
 
     def add(handler: Handler) -> Handler:
@@ -122,7 +124,7 @@ def command(dialects: Dialects = (SLICER,)) -> Decorator:
 
 
 def without_effect(
-    dialects: Dialects = ALL, takes: str = "", names: Iterable[str] = (), halts: bool = False
+    dialects: Dialects = ALL_DIALECTS, takes: str = "", names: Iterable[str] = (), halts: bool = False
 ) -> Decorator:
     """Add a code without an effect on the path, which is counted; the function is not called.
 
@@ -142,7 +144,9 @@ def without_effect(
     return add
 
 
-def refused_code(subject: str, advice: str = "", dialects: Dialects = ALL, names: Iterable[str] = ()) -> Decorator:
+def refused_code(
+    subject: str, advice: str = "", dialects: Dialects = ALL_DIALECTS, names: Iterable[str] = ()
+) -> Decorator:
     """Add a code that is refused; the function is not called.
 
     Args:

@@ -27,7 +27,7 @@ _LINUXCNC = (LINUXCNC,)
 _CLEARANCE = 1.0  # by which pecks lift the needle, LinuxCNC's on a metric machine [mm]
 _MOST_REPEATS = 10_000
 _MOST_PECKS = 10_000
-_TIMES = "P"  # words that are no lengths
+_TIME_WORDS = "P"  # words that are no lengths
 
 
 @motion(straight=True)
@@ -220,7 +220,7 @@ def _words(state: ProgramState, block: WordBlock, name: str, needed: tuple[str, 
     words = dict(state.cycle.words) if state.cycle.name == name else {}
     for letter in (*needed, *takes):
         if letter in block.values:
-            words[letter] = block.values.pop(letter) * (1.0 if letter in _TIMES else state.frames.unit)
+            words[letter] = block.values.pop(letter) * (1.0 if letter in _TIME_WORDS else state.frames.unit)
     missing = [letter for letter in needed if letter not in words]
     if missing:
         raise InputError(f"{name} without {missing[0]}: must have {', '.join(needed)}")

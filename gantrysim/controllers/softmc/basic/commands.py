@@ -27,8 +27,8 @@ _CIRCLE = {
     "circlepoint": "via",
     "targetpoint": "target",
 }
-_POINTS = ("centre", "via", "target")
-_FARTHEST = 1e6  # coordinate [mm]
+_POINT_WORDS = ("centre", "via", "target")
+_FARTHEST_COORDINATE = 1e6  # coordinate [mm]
 
 _OPTIONS = ("gap", "recdata")
 _LONGEST_GAP = 1_000_000  # [ticks]
@@ -82,8 +82,8 @@ def _nodal(settings: list[Setting], group: Element, scope: RoutineFrame) -> dict
 def _point(name: str, value: Value, scope: RoutineFrame) -> tuple[float, ...]:
     if not isinstance(value, Point):
         raise SoftMCError(f"{name} = {text_of(value)}: must be a point in braces, as in {{0, 0, 5}}")
-    if max(map(abs, value.values)) > _FARTHEST:
-        raise SoftMCError(f"{name} = {value}: must be within {_FARTHEST:g} mm")
+    if max(map(abs, value.values)) > _FARTHEST_COORDINATE:
+        raise SoftMCError(f"{name} = {value}: must be within {_FARTHEST_COORDINATE:g} mm")
     elements = scope.execution.elements
     if elements.axes is None:
         elements.axes = max(2, min(len(value.values), elements.coordinates))
@@ -172,7 +172,7 @@ def cmd_circle(tree: Node) -> Action:
         group = execution.elements.only_group(None if named is None else named(scope))
         arguments: dict[str, Any] = {}
         for name, short, value in settings:
-            if short in _POINTS:
+            if short in _POINT_WORDS:
                 arguments[short] = _point(name, value(scope), scope)
             elif short in _CIRCLE.values():
                 stated = number(name, value(scope))

@@ -15,7 +15,7 @@ from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.elements import Elements
 from gantrysim.controllers.softmc.basic.recording import Recording
-from gantrysim.controllers.softmc.basic.timeline import LONGEST, Mark, Timeline
+from gantrysim.controllers.softmc.basic.timeline import LONGEST_TIME, Mark, Timeline
 from gantrysim.controllers.softmc.basic.values import CONSTANTS, Element, Point, Value, Variable, array, number, text_of
 from gantrysim.controllers.softmc.commands import Command, SoftMCError
 from gantrysim.controllers.softmc.group import Group
@@ -43,7 +43,7 @@ def _position(time: Timeline, elements: Elements, element: Element) -> Value:
     return Point(tuple(place[: elements.axes or len(AXES)]))
 
 
-STEADY = ("elementname", "ismoving")  # of them, those that stay as they are while a motion is under way
+STEADY_PROPERTIES = ("elementname", "ismoving")  # of them, those that stay as they are while a motion is under way
 LIVE: dict[str, Callable[[Timeline, Elements, Element], Value]] = {
     "clock": _clock,
     "time": _clock,
@@ -123,7 +123,7 @@ class Waits:
 MOST_PRINTED = 1000  # lines
 MOST_ITEMS = 1_000_000  # of all arrays
 MOST_MARKS = 100_000  # of outputs and records
-DEEPEST = 32  # calls within one another
+NESTED_CALLS = 32  # calls within one another
 
 
 @dataclass(kw_only=True)
@@ -252,8 +252,8 @@ class Execution:
             SoftMCError: too long a program.
         """
         self.waits.pass_time(duration)
-        if self.time.clock > LONGEST:
-            raise SoftMCError(f"the program runs for more than {LONGEST:g} s: must end before")
+        if self.time.clock > LONGEST_TIME:
+            raise SoftMCError(f"the program runs for more than {LONGEST_TIME:g} s: must end before")
 
     def call(self, code: Code[RoutineFrame], variables: dict[str, Any]) -> None:
         """Execute code within a statement, which goes on afterwards."""
@@ -266,8 +266,8 @@ class Execution:
 
     def check_depth(self, name: str) -> None:
         """Raise SoftMCError where a call would be too deep within others."""
-        if self.depth >= DEEPEST:
-            raise SoftMCError(f"{name}: calls are nested more than {DEEPEST} deep")
+        if self.depth >= NESTED_CALLS:
+            raise SoftMCError(f"{name}: calls are nested more than {NESTED_CALLS} deep")
 
     def array(self, dimensions: list[Value], value: Value | None) -> Any:
         """Return an array, or the value itself without dimensions.
@@ -317,7 +317,7 @@ class Execution:
         """Return the value of a property that there is, by its canonical name."""
         if short in LIVE:
             # the next pass of a loop reads another value
-            self.waits.changed |= short not in STEADY
+            self.waits.changed |= short not in STEADY_PROPERTIES
             return LIVE[short](self.time, self.elements, element)
         if short in element.properties:
             value: Value = element.properties[short]

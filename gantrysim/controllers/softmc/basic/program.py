@@ -35,7 +35,7 @@ from gantrysim.paths.chain import Chain
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints, periods
 
-LONGEST = 1_000_000  # characters of a program
+PROGRAM_LENGTH = 1_000_000  # characters of a program
 # strings too, first, as an apostrophe within one begins no comment
 _COMMENT = re.compile(r"\"[^\"\n]*\"|'[^\n]*|^[ \t]*rem\b[^\n]*", re.IGNORECASE | re.MULTILINE)
 # all commands and blocks of MC-Basic
@@ -55,8 +55,8 @@ def parse(text: str) -> Node:
     Raises:
         SoftMCError: a text that is no program, with its line.
     """
-    if len(text) > LONGEST:
-        raise SoftMCError(f"program of {len(text)} characters: must be at most {LONGEST}")
+    if len(text) > PROGRAM_LENGTH:
+        raise SoftMCError(f"program of {len(text)} characters: must be at most {PROGRAM_LENGTH}")
     plain = without_comments(text)
     try:
         tree: Node = _parser().parse(plain)

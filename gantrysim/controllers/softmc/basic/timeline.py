@@ -17,7 +17,7 @@ from gantrysim.controllers.softmc.stream import AXES, Leg, Rest, Segment, leg_of
 from gantrysim.paths.chain import Chain
 
 MOST_MOTIONS = 100_000
-LONGEST = 86_400.0  # [s]
+LONGEST_TIME = 86_400.0  # [s]
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ class Timeline:
                 duration = leg.duration
         except ArithmeticError:
             raise SoftMCError("the motion has no finite duration: must be slower or shorter") from None
-        if not duration <= LONGEST:
-            raise SoftMCError(f"motion of {duration:g} s: must be at most {LONGEST:g} s")
+        if not duration <= LONGEST_TIME:
+            raise SoftMCError(f"motion of {duration:g} s: must be at most {LONGEST_TIME:g} s")
         # one motion may wait for its turn: the program goes on when the one before has begun
         if self._begins:
             self.clock = max(self.clock, self._begins[-1])
@@ -154,5 +154,5 @@ class Timeline:
         self.steps.append(leg)
         self.free += duration
         self.supervised = group
-        if self.free > LONGEST:
-            raise SoftMCError(f"motion of {self.free:g} s: must be at most {LONGEST:g} s")
+        if self.free > LONGEST_TIME:
+            raise SoftMCError(f"motion of {self.free:g} s: must be at most {LONGEST_TIME:g} s")

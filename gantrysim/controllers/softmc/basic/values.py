@@ -11,7 +11,7 @@ from gantrysim.controllers.basic import operators
 from gantrysim.controllers.basic.operators import ARITHMETIC, COMPARISONS, Function
 from gantrysim.controllers.softmc.commands import SoftMCError
 
-LONGEST = 256  # string
+STRING_LENGTH = 256  # string
 MOST_ITEMS = 100_000  # of an array
 _LARGEST_WHOLE = 2.0**53  # whole number that a double holds exactly
 
@@ -176,8 +176,8 @@ def operate(symbol: str, a: Value, b: Value) -> Value:
     if isinstance(a, float) and isinstance(b, float):  # first, as most are
         return _number(symbol, a, b)
     if isinstance(a, str) and isinstance(b, str) and symbol == "+":
-        if len(a) + len(b) > LONGEST:
-            raise SoftMCError(f"string of {len(a) + len(b)} characters: must be at most {LONGEST}")
+        if len(a) + len(b) > STRING_LENGTH:
+            raise SoftMCError(f"string of {len(a) + len(b)} characters: must be at most {STRING_LENGTH}")
         return a + b
     if isinstance(a, Point) and isinstance(b, Point) and symbol in "+-":
         if len(a.values) != len(b.values):
@@ -192,7 +192,7 @@ def operate(symbol: str, a: Value, b: Value) -> Value:
 
 def _number(symbol: str, a: float, b: float) -> float:
     try:
-        value = _NUMBERS[symbol.lower()](a, b)
+        value = _NUMBER_OPERATORS[symbol.lower()](a, b)
     except (ZeroDivisionError, OverflowError, ValueError):
         value = math.nan
     if isinstance(value, complex) or not math.isfinite(value):
@@ -200,7 +200,7 @@ def _number(symbol: str, a: float, b: float) -> float:
     return value
 
 
-_NUMBERS: dict[str, Callable[[float, float], float]] = {**ARITHMETIC, "mod": math.fmod}
+_NUMBER_OPERATORS: dict[str, Callable[[float, float], float]] = {**ARITHMETIC, "mod": math.fmod}
 
 
 def compare(symbol: str, a: Value, b: Value) -> float:

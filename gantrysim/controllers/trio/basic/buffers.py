@@ -10,7 +10,7 @@ from gantrysim.controllers.trio.basic.moves import (
     CONNECT,
     FULL_SPEED,
     IDLE,
-    STATED,
+    STATED_MOVES,
     CornerRules,
     Move,
     MoveSpeeds,
@@ -188,7 +188,7 @@ class Buffers:
         base.move = move
         for axis in axes:
             axis.member = move
-        if move.kind in STATED:
+        if move.kind in STATED_MOVES:
             move.beside = tuple(axis.number for axis in self.axes.values() if axis.member not in (None, move))
             self.loaded.append(move)
             if len(self.loaded) > MOST_MOVES:

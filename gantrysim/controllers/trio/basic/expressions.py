@@ -21,7 +21,7 @@ from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.process import Process
 from gantrysim.controllers.trio.basic.raw import Expression, Reference, Source
 
-DEEPEST = 60  # nesting of an expression
+NESTED_EXPRESSIONS = 60  # nesting of an expression
 MOST_BITS = 32  # of a value
 
 
@@ -165,7 +165,7 @@ def _system_parameter(ref: Reference) -> Expression:
 
 
 def _memory(ref: Reference) -> Expression:
-    if ref.name in words.WHOLE and ref.arguments is None:
+    if ref.name in words.WHOLE_LINES and ref.arguments is None:
         ref.plain(0)
         lines = words.MEMORY[ref.name]
         return Expression(lambda process: lines(process, 0, words.MOST_BITS - 1))
@@ -178,7 +178,7 @@ def _memory(ref: Reference) -> Expression:
 _TABLES: tuple[tuple[dict[str, object], Callable[[Reference], Expression]], ...] = (
     ({**words.CONSTANTS}, _constant),
     ({**words.FUNCTIONS}, _function),
-    ({**words.IGNORED}, _ignored_parameter),
+    ({**words.IGNORED_WORDS}, _ignored_parameter),
     ({**AXIS_PARAMETERS}, _axis_parameter),
     ({**words.SYSTEM_PARAMETERS}, _system_parameter),
     ({**words.MEMORY}, _memory),
@@ -188,8 +188,8 @@ _READERS = {name: read for table, read in _TABLES for name in table}
 
 def _nested_expression(value: Evaluate, *parts: Expression) -> Expression:
     depth = 1 + max([part.depth for part in parts], default=0)
-    if depth > DEEPEST:
-        raise InputError(f"expression nested more than {DEEPEST} deep: use a variable for a part of it")
+    if depth > NESTED_EXPRESSIONS:
+        raise InputError(f"expression nested more than {NESTED_EXPRESSIONS} deep: use a variable for a part of it")
     return Expression(value, depth)
 
 

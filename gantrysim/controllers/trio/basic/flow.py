@@ -197,7 +197,7 @@ def cmd_on_gosub(assembler: ProcessAssembler, raw: Raw) -> None:
 def variable(name: str) -> str:
     """Return the name of a variable that is assigned, in capitals, or raise InputError where it is a word."""
     word = name.upper()
-    tables = (words.CONSTANTS, words.FUNCTIONS, AXIS_PARAMETERS, words.SYSTEM_PARAMETERS, words.IGNORED, COMMANDS)
+    tables = (words.CONSTANTS, words.FUNCTIONS, AXIS_PARAMETERS, words.SYSTEM_PARAMETERS, words.IGNORED_WORDS, COMMANDS)
     if word in words.KEYWORDS or any(word in table for table in tables) or word in ("IN", "READ_OP"):
         raise InputError(f"{name} = ...: is a word of the language that cannot be assigned")
     if word in words.NOT_EMULATED:

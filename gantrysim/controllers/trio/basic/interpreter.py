@@ -19,7 +19,7 @@ from gantrysim.controllers.trio.basic.process import MOST_ANALOGUE, MOST_OUTPUTS
 from gantrysim.controllers.trio.basic.words import MOST_BITS
 
 RECORDED = 4  # axes 0 to 3 can be those of the machine without being named
-_LONGEST = 1000  # servo periods passed at once
+_PASSED_PERIODS = 1000  # servo periods passed at once
 _LONGEST_WAIT = 300.0  # for a condition, with all axes at rest [s]
 
 SetPoint = Callable[[State], float]
@@ -191,7 +191,7 @@ class _Run:
     def _free_periods(self, most: float) -> int:
         """Servo periods, up to the tick `most`, until a process can act without the end of a move; at least 1."""
         state = self._state
-        ahead: float = min(most - state.tick, _LONGEST)
+        ahead: float = min(most - state.tick, _PASSED_PERIODS)
         for process in state.processes:
             if process.blocked is None:
                 ahead = min(ahead, (process.ready - state.time) / state.motion.period)

@@ -165,8 +165,8 @@ def _programmed_speed(move: Move, speed: float) -> float:
     return move.speeds.force
 
 
-FARTHEST = 1e12  # position of an axis, still exact to 0.0002 [units]
-_FEWEST = 8  # periods that take longer one by one than at once
+FARTHEST_POSITION = 1e12  # position of an axis, still exact to 0.0002 [units]
+_PERIODS_AT_ONCE = 8  # periods that take longer one by one than at once
 
 
 class Motion(Buffers):
@@ -221,7 +221,7 @@ class Motion(Buffers):
         period is next, where an axis is linked, has its move cancelled or its drive off, and for a few periods.
         """
         axes = self.axes.values()
-        if most < _FEWEST or not all(map(self._steady, axes)):
+        if most < _PERIODS_AT_ONCE or not all(map(self._steady, axes)):
             return np.empty((0, len(recorded)))
         moves = [(axis, axis.move) for axis in axes if axis.move is not None]
         glides = [self._glide(base, move, most) for base, move in moves]
@@ -284,13 +284,15 @@ class Motion(Buffers):
     def _check(self, axis: Axis) -> None:
         """Check an axis that has moved."""
         off = self._is_off(axis)
-        if not off and abs(axis.position) <= FARTHEST:
+        if not off and abs(axis.position) <= FARTHEST_POSITION:
             return
         where = "" if axis.member is None else f"line {axis.member.line}: "
         if off:
             switch = "WDOG" if axis.servo else f"SERVO AXIS({axis.number})"
             raise InputError(f"{where}axis {axis.number} is to move while {switch} = OFF: must be ON")
-        raise InputError(f"{where}axis {axis.number} is at {axis.position:g}: must stay within {FARTHEST:g} units")
+        raise InputError(
+            f"{where}axis {axis.number} is at {axis.position:g}: must stay within {FARTHEST_POSITION:g} units"
+        )
 
     def _followers(self, base: Axis, move: Move) -> list[Move]:
         """The buffered moves after a move up to the next end of the merged path."""

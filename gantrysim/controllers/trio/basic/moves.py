@@ -34,13 +34,13 @@ CONNECT = 21
 MOVELINK = 22
 
 # moves that state their path
-STATED = frozenset({MOVE, MOVEABS, MHELICAL, MOVECIRC, MOVESP, MOVEABSSP, MHELICALSP, MOVECIRCSP})
+STATED_MOVES = frozenset({MOVE, MOVEABS, MHELICAL, MOVECIRC, MOVESP, MOVEABSSP, MHELICALSP, MOVECIRCSP})
 
 SMALLEST_RADIUS = 1e-3  # of a circle [units]
 
 SHARP_CORNERS = 2  # bits of CORNER_MODE
 SMALL_CIRCLES = 8
-_STRAIGHT = 1e-7  # change of direction that is rounding [rad]
+_STRAIGHT_TURN = 1e-7  # change of direction that is rounding [rad]
 
 
 class Shape:
@@ -277,7 +277,7 @@ class CornerRules:
 
         It is 1 up to DECEL_ANGLE, 0 from STOP_ANGLE on, and falls linearly between them, which is assumed.
         """
-        if not self.mode & SHARP_CORNERS or angle <= max(self.decel_angle, _STRAIGHT):
+        if not self.mode & SHARP_CORNERS or angle <= max(self.decel_angle, _STRAIGHT_TURN):
             return 1.0
         if angle >= self.stop_angle:
             return 0.0

@@ -17,7 +17,7 @@ from gantrysim.controllers.trio.basic.moves import Arc, Move
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.nearest import find_progress_on_path
 from gantrysim.paths.path import Path
-from gantrysim.paths.pieces import SHORTEST, Coil, Frame, Line, Vector, vector
+from gantrysim.paths.pieces import SHORTEST_PIECE, Coil, Frame, Line, Vector, vector
 from gantrysim.paths.spirals import Involute
 
 _PER_TURN = 720  # angles of a spiral that are tabulated
@@ -118,7 +118,7 @@ def exact(
     for k, curve in enumerate(arcs):
         if curve is not None:
             pieces.append(_coil(*curve, corners[k], placement, frame))
-        elif math.dist(corners[k], corners[k + 1]) > SHORTEST:
+        elif math.dist(corners[k], corners[k + 1]) > SHORTEST_PIECE:
             pieces.append(Line(on_work[k], on_work[k + 1]))
     return Chain(pieces) if pieces else None
 
@@ -190,7 +190,7 @@ def polyline(points: Floats) -> Chain:
     Args:
         points: (n, 3) [mm].
     """
-    moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > SHORTEST
+    moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > SHORTEST_PIECE
     corners = points[np.concatenate([[True], moved])]
     is_end = np.zeros(len(corners), bool)
     is_end[[0, -1]] = True
@@ -201,7 +201,7 @@ def polyline(points: Floats) -> Chain:
             continue
         chord = corners[last] - corners[first]
         between = corners[first + 1 : last] - corners[first]
-        share = np.clip(between @ chord / max(float(chord @ chord), SHORTEST**2), 0.0, 1.0)
+        share = np.clip(between @ chord / max(float(chord @ chord), SHORTEST_PIECE**2), 0.0, 1.0)
         off = np.linalg.norm(between - share[:, None] * chord, axis=1)
         worst = int(off.argmax())
         if off[worst] > TOLERANCE:

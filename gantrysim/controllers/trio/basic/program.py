@@ -115,7 +115,7 @@ def _off_circle(state: State) -> list[str]:
 
 # A program that can be executed, from its statements as they stand in the text.
 
-_DEEPEST = 8  # programs included by one another
+_NESTED_PROGRAMS = 8  # programs included by one another
 
 
 def assemble_all(sources: Sequence[Source], strict: bool) -> list[ProgramCode]:
@@ -159,8 +159,8 @@ def _include(assembler: ProcessAssembler, name: str, sources: Mapping[str, Sourc
             f'INCLUDE "{name}": must be one of the programs {", ".join(sources)}, or a file {name.lower()}.bas beside '
             "the program"
         )
-    if depth > _DEEPEST:
-        raise InputError(f'INCLUDE "{name}": programs include each other more than {_DEEPEST} deep')
+    if depth > _NESTED_PROGRAMS:
+        raise InputError(f'INCLUDE "{name}": programs include each other more than {_NESTED_PROGRAMS} deep')
     outer = assembler.include
     assembler.include = lambda target, inner: _include(target, inner, sources, depth + 1)
     _add(assembler, sources[name])
@@ -195,8 +195,8 @@ SPEEDS = SpeedWords(
     comment=r"\"[^\"\n]*\"|'[^\n]*",
     key="speed",
 )
-_SHORTEST = 1e-5  # SERVO_PERIOD [s]
-_SLOWEST = 1.0  # longest time of a statement [s]
+_SHORTEST_PERIOD = 1e-5  # SERVO_PERIOD [s]
+_SLOWEST_STATEMENT = 1.0  # longest time of a statement [s]
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ class InterpreterTime:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            at_least(f"interpreter_time.{name}", value, 0, "s", _SLOWEST)
+            at_least(f"interpreter_time.{name}", value, 0, "s", _SLOWEST_STATEMENT)
 
 
 @dataclass(frozen=True)
@@ -318,7 +318,7 @@ class Basic(Controller):
         if whole_number("ratio_bits", self.ratio_bits, 0) and not 8 <= self.ratio_bits <= 52:
             raise InputError(f"ratio_bits = {self.ratio_bits}: must be 8 to 52, or 0 for an exact ratio")
         at_least("wait_resolution", self.wait_resolution, 0, "s")
-        at_least("servo_period", self.servo_period, _SHORTEST, "s")
+        at_least("servo_period", self.servo_period, _SHORTEST_PERIOD, "s")
         whole_number("statement_limit", self.statement_limit, 1)
         positive("time_limit", self.time_limit, "s")
         at_least("stop_after", self.stop_after, 0, "s")

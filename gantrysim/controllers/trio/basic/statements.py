@@ -33,7 +33,7 @@ def cmd_command(assembler: ProcessAssembler, raw: Raw) -> None:
     ref: Reference = raw.data[0]
     command = COMMANDS.get(ref.name)
     if command is None:
-        tables = (AXIS_PARAMETERS, words.SYSTEM_PARAMETERS, words.CONSTANTS, words.FUNCTIONS, words.IGNORED)
+        tables = (AXIS_PARAMETERS, words.SYSTEM_PARAMETERS, words.CONSTANTS, words.FUNCTIONS, words.IGNORED_WORDS)
         if any(ref.name in table for table in tables) or ref.name in ("VR", "IN"):
             raise InputError(f"{ref.name}: is a value, not a command")
         raise unknown_word(ref)
@@ -96,7 +96,7 @@ def _store(ref: Reference, arrays: set[str]) -> Store:
         places = [argument.value for argument in ref.plain(len(ref.arguments))]
         return lambda process, value: process.set_element(name, [place(process) for place in places], value)
     parameter = AXIS_PARAMETERS.get(name)
-    if name in words.IGNORED or (parameter is not None and parameter.write is not None):
+    if name in words.IGNORED_WORDS or (parameter is not None and parameter.write is not None):
         return _store_of_axis(ref)
     system = words.SYSTEM_PARAMETERS.get(name)
     if system is not None and system.write is not None:

@@ -39,7 +39,7 @@ from gantrysim.controllers.trio.basic.raw import Expression, Raw, Reference, Sou
 STATEMENTS = Statements.of(statements.statement, flow.statement)
 
 # largest numbers of characters: of a text, a line, a word
-LONGEST = 1_000_000
+TEXT_LENGTH = 1_000_000
 LONGEST_LINE = 4096
 LONGEST_WORD = 64
 
@@ -76,8 +76,8 @@ def read(text: str) -> list[Source]:
 
 
 def _check_size(text: str) -> None:
-    if len(text) > LONGEST:
-        raise InputError(f"program of {len(text)} characters: must have at most {LONGEST}")
+    if len(text) > TEXT_LENGTH:
+        raise InputError(f"program of {len(text)} characters: must have at most {TEXT_LENGTH}")
     for number, line in enumerate(text.split("\n"), 1):
         if len(line) > LONGEST_LINE:
             raise InputError(f"line {number}: {len(line)} characters: must have at most {LONGEST_LINE}")

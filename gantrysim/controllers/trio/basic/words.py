@@ -47,8 +47,9 @@ IGNORED_COMMANDS = {
     "TRON": (0, 0),
     "UNIT_CLEAR": (0, 0),
 }
-IGNORED = {name: reason for names, reason in NO_EFFECT.items() for name in names.split()}
-NOTED = {**IGNORED, **dict.fromkeys(IGNORED_COMMANDS, "nothing here depends on it")}  # with the reason of the note
+IGNORED_WORDS = {name: reason for names, reason in NO_EFFECT.items() for name in names.split()}
+# with the reason of the note
+NOTED = {**IGNORED_WORDS, **dict.fromkeys(IGNORED_COMMANDS, "nothing here depends on it")}
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,7 @@ MEMORY: dict[str, Callable[..., float]] = {
     "VR": lambda process, k: process.state.vr.get(index("VR", k, VR_SIZE), 0.0),
 }
 RANGES = ("IN", "OP", "READ_OP")
-WHOLE = ("IN", "OP")  # which without an index are the first MOST_BITS lines
+WHOLE_LINES = ("IN", "OP")  # which without an index are the first MOST_BITS lines
 
 
 def _names(text: str) -> frozenset[str]:
