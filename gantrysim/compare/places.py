@@ -127,7 +127,7 @@ def _sums_of_products(vectors: Floats, others: Floats) -> Floats:
     return total
 
 
-def _tracked(curve: Curve, points: Floats, start: float, chord: float) -> Floats:
+def _tracked_places(curve: Curve, points: Floats, start: float, chord: float) -> Floats:
     """Return the arc lengths of the vertices of a trace, (n,), each from the one before it."""
     lengths = np.empty(len(points))
     expected = start
@@ -235,7 +235,7 @@ class _Fit:
 
     def back(self, points: Floats) -> Floats:
         """Return points of the trace's frame in that of the run."""
-        return _turned(points - self.offset, -self.turn)
+        return _turned_points(points - self.offset, -self.turn)
 
     def place(self, *, search: bool) -> None:
         """Find the instant of each sample, with offset and turn as they are."""
@@ -280,14 +280,14 @@ class _Fit:
         rows = np.flatnonzero(self.covered)
         instants = self.instants[rows]
         s = self.curve.spline(instants)
-        residual = self.measured[rows] - _turned(s, self.turn) - self.offset
+        residual = self.measured[rows] - _turned_points(s, self.turn) - self.offset
         columns = [np.broadcast_to(unit, residual.shape) for unit in np.eye(residual.shape[1])[self.free_offsets]]
         if self.free_turn:
-            turned = _turned(s, self.turn + math.pi / 2)
+            turned = _turned_points(s, self.turn + math.pi / 2)
             turned[:, 2:] = 0.0
             columns.append(turned)
         slopes = np.stack(columns, axis=2) if columns else np.zeros((*residual.shape, 0))
-        rate = _turned(self.curve.rate(instants), self.turn)
+        rate = _turned_points(self.curve.rate(instants), self.turn)
         speed = np.linalg.norm(rate, axis=1)
         moving = ~self.still[rows] & (speed > _STANDSTILL_SPEED * self.curve.fastest)
         tangent = np.where(moving, 1.0, 0.0)[:, None] * rate / np.maximum(speed, 1e-12)[:, None]
@@ -340,7 +340,7 @@ class _Fit:
         return {name: Estimate(*both) for name, *both in zip(names, values, intervals, strict=True)}
 
 
-def _turned(points: Floats, turn: float) -> Floats:
+def _turned_points(points: Floats, turn: float) -> Floats:
     """Return points turned about z, (n, 2 or more)."""
     if turn == 0.0:
         return points.copy()
@@ -403,7 +403,7 @@ def laid_on_run(
     results = [fit for fit in results if not fit.lost]
     whole = [fit for fit in results if fit.covered.sum() >= _AS_LONG * results[0].covered.sum()]
     fine_rests = (_rests(time, measured, noise), rests_of_run)
-    return [_placed(fit, (time, measured), fine_rests) for fit in sorted(whole, key=lambda fit: fit.residual)]
+    return [_placed_samples(fit, (time, measured), fine_rests) for fit in sorted(whole, key=lambda fit: fit.residual)]
 
 
 def _length_at(curve: Curve, time: float) -> float:
@@ -419,9 +419,9 @@ def _begin(fit: _Fit, traces: tuple[Vertices, Vertices], start: tuple[int, float
     mine = ours.points[first:after]
     other = theirs.points[first + lag : after + lag]
     if fit.free_offsets.any():
-        fit.offset = np.mean(mine - _turned(other, fit.turn), axis=0) * fit.free_offsets
+        fit.offset = np.mean(mine - _turned_points(other, fit.turn), axis=0) * fit.free_offsets
     begin = float(np.interp(theirs.row[first + lag], fit.curve.row, fit.curve.length))
-    lengths = _tracked(fit.curve, fit.back(mine), begin, fit.curve.chord)
+    lengths = _tracked_places(fit.curve, fit.back(mine), begin, fit.curve.chord)
     fit.length = np.interp(rows, ours.row[first:after], lengths)
 
 
@@ -445,7 +445,7 @@ def _with_known_values(fit: _Fit) -> _Fit:
     return fit
 
 
-def _placed(fit: _Fit, trace: tuple[Floats, Floats], rests: _Rests) -> Placed:
+def _placed_samples(fit: _Fit, trace: tuple[Floats, Floats], rests: _Rests) -> Placed:
     """Return how all samples of a trace lie on the run, with the offset and turn of a fit."""
     whole = _Fit(fit.curve, *trace, (fit.free_offsets, fit.free_turn), rests)
     whole.offset = fit.offset

@@ -84,7 +84,7 @@ def _check_axes(trace: Trace, run: Run, what: tuple[str, ...], residual: float) 
     if len(names) < 2 or (trace.links[0] != "nozzle" and len(set(run.units[:2])) > 1):
         return
     fits = []
-    few = _thinned(trace)
+    few = _thinned_trace(trace)
     for swapped, signs in _hypotheses():
         try:
             alignment = aligned_trace(_with_axes(few, swapped, signs), run, what)
@@ -105,7 +105,7 @@ def _check_axes(trace: Trace, run: Run, what: tuple[str, ...], residual: float) 
         )
 
 
-def _thinned(trace: Trace) -> Trace:
+def _thinned_trace(trace: Trace) -> Trace:
     """Return a trace with as many samples as tell one hypothesis from another, of what it measures first."""
     every = max(len(trace.time) // _SAMPLES, 1)
     link = trace.links[0]

@@ -48,18 +48,18 @@ class SpeedWords:
 
     def with_word(self, line: str, word: str, speed: float | None) -> str:
         """Return a line of text with one speed, in place of its own or before its comment; None for no speed."""
-        code, remark = _parted(line, self.comment)
+        code, remark = _code_and_comment(line, self.comment)
         bare = re.sub(rf"\s*(?:{self.word}){_NUMBER}", "", code, flags=re.IGNORECASE)
-        return bare + remark if speed is None else _appended(bare, f"{word}{_decimal(speed)}") + remark
+        return bare + remark if speed is None else _code_with_word(bare, f"{word}{_decimal(speed)}") + remark
 
 
-def _parted(line: str, comment: str) -> tuple[str, str]:
+def _code_and_comment(line: str, comment: str) -> tuple[str, str]:
     """Return a line's code, and what follows from its comment on."""
     match = re.search(comment, line)
     return (line[: match.start()], line[match.start() :]) if match else (line, "")
 
 
-def _appended(code: str, word: str) -> str:
+def _code_with_word(code: str, word: str) -> str:
     """Return code with a word at its end, before its blanks."""
     stripped = code.rstrip()
     return f"{stripped} {word}{code[len(stripped) :]}"
@@ -117,7 +117,7 @@ def _with_modal_words(text: str, values: Mapping[int, float], comment: str, word
     jumps = re.search(r"GOTO", re.sub(comment, "", text), re.IGNORECASE) is not None
     modal: float | None = None
     for k, line in enumerate(lines):
-        code, remark = _parted(line, comment)
+        code, remark = _code_and_comment(line, comment)
         match = pattern.search(code)
         value = values.get(k + 1)
         if value is None:
@@ -130,7 +130,7 @@ def _with_modal_words(text: str, values: Mapping[int, float], comment: str, word
             if _value(match[1]) != float(_decimal(value)):
                 code = f"{code[: match.start()]}{written}{_decimal(value)}{code[match.end() :]}"
         elif modal != value:
-            code = _appended(code, f"{written}{_decimal(value)}")
+            code = _code_with_word(code, f"{written}{_decimal(value)}")
         lines[k] = code + remark
         modal = None if jumps else value
     return "\n".join(lines)

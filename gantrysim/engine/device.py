@@ -95,7 +95,7 @@ def kernel(bodies: tuple[tuple[str, Body], ...]) -> Any:
     torques, laws and drives; then the number of physics steps.
     """
     others: dict[str, Any] = {"call": _function(_call_nothing, {}), "gains_of": _gains()}
-    others["run_stages"] = _composed(bodies, others)
+    others["run_stages"] = _composed_stages(bodies, others)
     sense, sample, apply_law, command, output, follow = (
         _function(function, others)
         for function in (plant.sense, tick.sample, tick.apply_law, tick.command, tick.output, plant.follow)
@@ -155,7 +155,7 @@ def _function(function: Any, others: Mapping[str, Any]) -> Any:
     return cuda.jit(device=True)(copy)
 
 
-def _composed(bodies: Sequence[tuple[str, Body]], others: Mapping[str, Any]) -> Any:
+def _composed_stages(bodies: Sequence[tuple[str, Body]], others: Mapping[str, Any]) -> Any:
     """Return a function of (row, tape, point) that runs the stages of a point, in their order."""
 
     def nothing(row, tape, point):
@@ -280,13 +280,13 @@ class DevicePlaces(LoopPlaces):
         states = self._state["physics"][list(numbers)]
         rows = self._userdata[list(numbers)].view(ROW)[:, 0]
         tapes = (
-            _stacked([run.simulation.position for run in runs]),
-            _stacked([run.simulation.setpoints.gates for run in runs]),
-            _stacked([log.tick for log in logs]),
-            _stacked([log.axis for log in logs]),
-            _stacked([_or_none(run.simulation.torque, (0, axes), np.float64) for run in runs]),
-            _stacked([_or_none(run.laws, (0,), LAW) for run in runs]),
-            _stacked([_or_none(run.drives, (0,), DRIVE) for run in runs]),
+            _stacked_arrays([run.simulation.position for run in runs]),
+            _stacked_arrays([run.simulation.setpoints.gates for run in runs]),
+            _stacked_arrays([log.tick for log in logs]),
+            _stacked_arrays([log.axis for log in logs]),
+            _stacked_arrays([_or_none(run.simulation.torque, (0, axes), np.float64) for run in runs]),
+            _stacked_arrays([_or_none(run.laws, (0,), LAW) for run in runs]),
+            _stacked_arrays([_or_none(run.drives, (0,), DRIVE) for run in runs]),
         )
         machines = cuda.to_device(plants)
         stepped = [cuda.to_device(array) for array in (states, rows)]
@@ -307,7 +307,7 @@ def _or_none(array: NDArray[Any] | None, shape: tuple[int, ...], kind: Any) -> N
     return np.zeros(shape, kind) if array is None else array
 
 
-def _stacked(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
+def _stacked_arrays(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """Return arrays as one, (arrays, longest, ...); shorter ones with zeros behind them."""
     longest = max(len(array) for array in arrays)
     stacked = np.zeros((len(arrays), longest, *arrays[0].shape[1:]), arrays[0].dtype)

@@ -351,7 +351,7 @@ class LogBook:
         log = self.log.until(begun - self.first)
         for block in blocks(len(log.tick)):
             part = Log(log.tick[block], log.axis[block])
-            columns = self._measured(part, self.first + block.start)
+            columns = self._measured_columns(part, self.first + block.start)
             if self._machine.geometry is not None:
                 columns[IDEAL] = columns.pop("nozzle")
             self._table.write(self.first + block.start, columns)
@@ -386,7 +386,7 @@ class LogBook:
             if every > 1:
                 log = Log(log.tick[::every].copy(), log.axis[::every].copy())
             sent_columns(program, log.tick["setpoint"], content)
-            content |= self._measured(log, 0)
+            content |= self._measured_columns(log, 0)
             self._displace(content, None)
             if every > 1:
                 content["time"] = np.arange(0, ticks, every) * setpoints.period
@@ -426,7 +426,7 @@ class LogBook:
         if parts:
             content |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-    def _measured(self, log: Log, first: int) -> dict[str, Floats]:
+    def _measured_columns(self, log: Log, first: int) -> dict[str, Floats]:
         return measured_columns(self._machine, log, first, self._setpoints.period, self._faults, self._drives)
 
 

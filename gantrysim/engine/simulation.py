@@ -221,7 +221,7 @@ class Simulation:
         given = {"machine": machine, "servo": servo, "setpoints": setpoints, "dispenser": dispenser, "faults": faults}
         for name, value in given.items():
             check_argument(name, value)
-        setpoints, position, torque = _sent(machine, servo, sent_setpoints(setpoints, servo.period))
+        setpoints, position, torque = _sent_setpoints(machine, servo, sent_setpoints(setpoints, servo.period))
         dispenser = checked_dispenser(dispenser, setpoints)
         if not machine.kinematics.axes_are_coordinates:
             check_supervision(machine, setpoints.supervision)
@@ -275,7 +275,7 @@ class Simulation:
             return Simulation.of(
                 machine, self.servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=self.faults
             )
-        setpoints, position, torque = _sent(machine, self.servo, setpoints)
+        setpoints, position, torque = _sent_setpoints(machine, self.servo, setpoints)
         dispenser = checked_dispenser(dispenser, setpoints)
         _check_ticks(setpoints)
         return replace(
@@ -364,7 +364,7 @@ def _check_servo(servo: Servo, machine: Machine, setpoints: Setpoints) -> None:
         raise InputError(f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s")
 
 
-def _sent(machine: Machine, servo: Servo, setpoints: Setpoints) -> tuple[Setpoints, Floats, Floats | None]:
+def _sent_setpoints(machine: Machine, servo: Servo, setpoints: Setpoints) -> tuple[Setpoints, Floats, Floats | None]:
     """Return the setpoints as the laws send them, the positions of the axes, and the torques sent with them or None."""
     for law in servo.laws.added:
         setpoints = law.sent(servo.laws.by_name(), setpoints)

@@ -175,7 +175,7 @@ class Source:
             given = {name: float(random.uniform(*bounds)) for name, bounds in self._machine_ranges.items()}
             machine = {**self._nominal_machine, **machine, **given}
         if chosen is not None:
-            spiral, machine = self._chosen(spiral, machine, chosen)
+            spiral, machine = self._chosen_values(spiral, machine, chosen)
             for name in chosen.task:
                 if name not in task:
                     raise unknown("value of the task", name, task)
@@ -223,7 +223,7 @@ class Source:
             )
         return self._first.with_program(machine, plan.setpoints, plan.dispenser)
 
-    def _chosen(
+    def _chosen_values(
         self, spiral: dict[str, float], machine: dict[str, float], chosen: Chosen
     ) -> tuple[dict[str, float], dict[str, float]]:
         if chosen.spiral:

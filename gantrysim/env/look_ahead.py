@@ -156,18 +156,18 @@ def _slope(x: Floats, y: Floats, s: Floats, k: int) -> float:
     """Return the slope of the heading at a middle, that of the parabola through three of them."""
     last = len(s) - _DIRECTION_POINTS - 1
     if k == 0:
-        return _turned(x, y, 0) / (_middle(s, 1) - _middle(s, 0))
+        return _turned_heading(x, y, 0) / (_middle(s, 1) - _middle(s, 0))
     if k == last:
-        return _turned(x, y, k - 1) / (_middle(s, k) - _middle(s, k - 1))
+        return _turned_heading(x, y, k - 1) / (_middle(s, k) - _middle(s, k - 1))
     before = _middle(s, k) - _middle(s, k - 1)
     after = _middle(s, k + 1) - _middle(s, k)
-    slope_before = _turned(x, y, k - 1) / before
-    slope_after = _turned(x, y, k) / after
+    slope_before = _turned_heading(x, y, k - 1) / before
+    slope_after = _turned_heading(x, y, k) / after
     return (after * slope_before + before * slope_after) / (before + after)
 
 
 @jit
-def _turned(x: Floats, y: Floats, k: int) -> float:
+def _turned_heading(x: Floats, y: Floats, k: int) -> float:
     """Return by how much the heading turns from one point to the next, at most half a turn."""
     turned = _heading(x, y, k + 1) - _heading(x, y, k)
     return turned - 2.0 * np.pi * np.rint(turned / (2.0 * np.pi))

@@ -60,7 +60,7 @@ def task_ranges(values: Mapping[str, RandomValue], preset: str, given: Mapping[s
         InputError: a range out of its limits.
     """
     ranges = {name: value.range_of(preset) for name, value in values.items()}
-    return ranges | {name: _checked(name, given[name], values[name].limits) for name in values if name in given}
+    return ranges | {name: _checked_range(name, given[name], values[name].limits) for name in values if name in given}
 
 
 def machine_ranges(
@@ -86,11 +86,11 @@ def machine_ranges(
             limits = NOT_NEGATIVE
         else:
             limits = (-math.inf, math.inf) if name.startswith(ERRORS) else POSITIVE_VALUES
-        ranges[name] = _checked(name, bounds, limits)
+        ranges[name] = _checked_range(name, bounds, limits)
     return ranges
 
 
-def _checked(name: str, bounds: float | Range, limits: Range) -> Range:
+def _checked_range(name: str, bounds: float | Range, limits: Range) -> Range:
     """Return a range, or raise InputError where it is not within the limits."""
     low, high = bounds if isinstance(bounds, tuple) else (bounds, bounds)
     if finite(f"ranges: highest {name}", high) < finite(f"ranges: lowest {name}", low):

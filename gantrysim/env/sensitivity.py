@@ -44,7 +44,7 @@ class SensitivityTable:
         self._servo = servo
         self._range = gain_range
         self._peaks: dict[tuple[int, ...], Floats] = {}
-        self._cost = lru_cache(_REMEMBERED_COSTS)(self._computed)
+        self._cost = lru_cache(_REMEMBERED_COSTS)(self._computed_cost)
         self._plants: dict[int, Plant | None] = {}
         # costs of gains common to all axes, by payload
         self._common: dict[int, Floats] = {}
@@ -97,7 +97,7 @@ class SensitivityTable:
             table[kp + _TABLE_STEPS, kd + _TABLE_STEPS] = costs
         return costs
 
-    def _computed(self, payload: int, *gains: int) -> float:
+    def _computed_cost(self, payload: int, *gains: int) -> float:
         """Return the cost with a payload and with gains in steps of the table, the axes of kp, then those of kd."""
         plant = self._plant(payload)
         if plant is None:

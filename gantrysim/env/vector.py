@@ -110,7 +110,7 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
             InputError: seeds or a mask for another number of environments.
         """
         mask = self._mask(options)
-        chosen = self._chosen(options or {})
+        chosen = self._chosen_by_place(options or {})
         seeds = self._seeds(seed)
         for place in np.flatnonzero(mask).tolist():
             if seeds[place] is not None or place not in self._randoms:
@@ -184,7 +184,7 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
             raise InputError(f"reset_mask = {mask}: must be {self.num_envs} booleans, at least one of them true")
         return mask
 
-    def _chosen(self, options: dict[str, Any]) -> dict[int, Chosen]:
+    def _chosen_by_place(self, options: dict[str, Any]) -> dict[int, Chosen]:
         """Return what options choose of the episodes, by place."""
         several: dict[str, list[Any]] = {}
         for name, value in options.items():

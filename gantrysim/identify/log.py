@@ -290,7 +290,7 @@ def _logged_axes(
     for axis, values in zip(logged, motion, strict=True):
         moved = values[used]
         if not reading.has(f"{axis.name} {POSITION}"):
-            moved = _integrated(moved, starts, instants.period)
+            moved = _integrated_position(moved, starts, instants.period)
             notes.append(
                 f"{axis.name}: its position is integrated from its velocity: where in the travel it moves is not known"
             )
@@ -394,7 +394,7 @@ _LEAST_CORRELATION = 0.9  # of a velocity with the change of the position that i
 _FEWEST_WINDOWS = 8
 
 
-def _integrated(velocity: Floats, starts: Sequence[int], period: float) -> Floats:
+def _integrated_position(velocity: Floats, starts: Sequence[int], period: float) -> Floats:
     """Return positions by the trapezoidal rule, from zero, (n,); a piece begins where the last one has ended."""
     steps = 0.5 * period * (velocity[1:] + velocity[:-1])
     steps[np.array(starts[1:], int) - 1] = 0.0
@@ -423,7 +423,7 @@ def _agreement(position: Floats, velocity: Floats, starts: Sequence[int], period
     changes = []
     for first, after in zip(starts, (*starts[1:], position.size), strict=True):
         ends = np.arange(first, after, width)
-        integral = _integrated(velocity[first:after], (0,), period)[ends - first]
+        integral = _integrated_position(velocity[first:after], (0,), period)[ends - first]
         changes.append(np.diff(np.column_stack([position[ends], integral]), axis=0))
     moved, integrated = np.concatenate(changes).T
     known = np.isfinite(integrated)

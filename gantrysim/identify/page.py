@@ -104,7 +104,7 @@ def _sections(identification: Identification, log: Log, runs: Sequence[WholeRun]
         "Each position is predicted from all samples before it. The residual is what the model does not know of the "
         "next position; where the model is right, it is noise of encoder and torque.",
         figure=[drawn_plot(draw_course, (fit, log), _WIDTH, 8.0) for fit in fits],
-        table=_left(fits),
+        table=_remainder_table(fits),
     )
     yield Section(
         "Friction",
@@ -284,7 +284,7 @@ def _fast_log(fit: AxisFit) -> str:
 _ROUND_RATE = 100  # [1/s]
 
 
-def _left(fits: Sequence[AxisFit]) -> Table:
+def _remainder_table(fits: Sequence[AxisFit]) -> Table:
     rows = [
         [fit.axis, fit.law.size, fit.law.remainder, 100 * fit.law.remainder / max(fit.law.size, 1e-300)] for fit in fits
     ]

@@ -275,15 +275,15 @@ class Compared:
     @property
     def share(self) -> float | None:
         """Share of the measured mean square that the simulation explains, None where nothing is measured."""
-        return _explained(self.measured, self.difference)
+        return _explained_share(self.measured, self.difference)
 
     @property
     def frictionless_share(self) -> float | None:
         """The same of the machine without friction."""
-        return None if self.frictionless is None else _explained(self.measured, self.frictionless)
+        return None if self.frictionless is None else _explained_share(self.measured, self.frictionless)
 
 
-def _explained(measured: ErrorSize, difference: ErrorSize) -> float | None:
+def _explained_share(measured: ErrorSize, difference: ErrorSize) -> float | None:
     return 1 - (difference.rms / measured.rms) ** 2 if measured.rms > 0 else None
 
 
@@ -318,18 +318,18 @@ def replay(
         servo = Servo.derive(machine.axes, log.period)
     if not math.isclose(servo.period, log.period, rel_tol=1e-6):
         raise InputError(f"servo period = {servo.period:g} s: must be the period of the log, {log.period:g} s")
-    placed, notes = _placed(machine, recorded)
-    run = _simulated(machine, servo, placed, law, progress)
+    placed, notes = _log_within_travel(machine, recorded)
+    run = _simulated_run(machine, servo, placed, law, progress)
     if run.fault is not None:
         raise InputError(f"the simulated machine {machine.name} does not follow the log to its end: {run.fault}")
-    wrong: Run | None = _simulated(frictionless_machine(machine), servo, placed, law, progress)
+    wrong: Run | None = _simulated_run(frictionless_machine(machine), servo, placed, law, progress)
     if wrong is not None and wrong.fault is not None:
         notes.append(f"without friction the simulated machine does not follow the log to its end: {wrong.fault}")
         wrong = None
     return Replay(placed, machine, run, wrong, fitted, (*log.notes, *notes))
 
 
-def _placed(machine: Machine, recorded: CommandedLog) -> tuple[CommandedLog, list[str]]:
+def _log_within_travel(machine: Machine, recorded: CommandedLog) -> tuple[CommandedLog, list[str]]:
     """Return the log within the travel, and notes on axes that had to be moved there.
 
     An encoder that counts from another zero puts the whole log outside; the motion is the same wherever it lies.
@@ -354,7 +354,9 @@ def _placed(machine: Machine, recorded: CommandedLog) -> tuple[CommandedLog, lis
     return replace(recorded, log=log, command=recorded.command + moves), notes
 
 
-def _simulated(machine: Machine, servo: Servo, recorded: CommandedLog, law: PlainLaw | None, progress: Progress) -> Run:
+def _simulated_run(
+    machine: Machine, servo: Servo, recorded: CommandedLog, law: PlainLaw | None, progress: Progress
+) -> Run:
     log = recorded.log
     setpoints = Setpoints(
         servo.period,

@@ -148,7 +148,7 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
                 box["z"][1] / _upward(controller),
                 *changes["program.start"][_Z + 1 :],
             ]
-            rise = _rise(_heights(_planned(job, {"program.start": above})), travel["z"][0])
+            rise = _rise(_heights(_planned_setpoints(job, {"program.start": above})), travel["z"][0])
             changes = _raised_program(controller, rise)
         box["z"] = (box["z"][0] + rise, box["z"][1] + rise)
     if open_place.gap and "z" in box:
@@ -223,7 +223,7 @@ def _rise(heights: _Heights, lowest_travel: float) -> float:
     return round(-bead, _DECIMALS) + 0.0
 
 
-def _planned(job: JobContent, values: dict[str, Any]) -> Setpoints:
+def _planned_setpoints(job: JobContent, values: dict[str, Any]) -> Setpoints:
     """Return the setpoints of a job's program with other values."""
     changed = job.changed(values)
     return changed.controller.setpoints(job.servo.period)

@@ -57,13 +57,13 @@ class Companion:
                 returned where that had another command.
         """
         run = results.budget.analysis.run
-        known = None if anew else self._known(given, run)
+        known = None if anew else self._known_alignment(given, run)
         if known is None and not anew:
             return None
         try:
             if isinstance(known, InputError):
                 raise known
-            comparison = self._compared(given, results, known)
+            comparison = self._comparison_with(given, results, known)
             kept_runs = () if reference is None else (self._kept_run(given, reference, comparison.alignment, run),)
         except InputError as error:
             self._latest = (given, np.array(run.commanded), error)
@@ -78,7 +78,7 @@ class Companion:
         }
         return Laid((measured, *kept_runs, _run("now", comparison, results)), words)
 
-    def _known(self, given: Beside, run: Run) -> Alignment | InputError | None:
+    def _known_alignment(self, given: Beside, run: Run) -> Alignment | InputError | None:
         """Return the alignment with a run of the same command, or why there is none; None where it was not sought."""
         if self._latest is None or self._latest[0] != given:
             return None
@@ -87,13 +87,13 @@ class Companion:
 
     def _kept_run(self, given: Beside, reference: RunResults, alignment: Alignment, run: Run) -> ComparedRun:
         if np.array_equal(reference.budget.analysis.run.commanded, run.commanded):
-            return _run("kept", self._compared(given, reference, alignment), reference)
+            return _run("kept", self._comparison_with(given, reference, alignment), reference)
         # of another command: aligned once, as it does not change
         if self._kept is None or self._kept[0] != given or self._kept[1] is not reference:
-            self._kept = (given, reference, _run("kept", self._compared(given, reference, None), reference))
+            self._kept = (given, reference, _run("kept", self._comparison_with(given, reference, None), reference))
         return self._kept[2]
 
-    def _compared(self, given: Beside, results: RunResults, alignment: Alignment | None) -> Comparison:
+    def _comparison_with(self, given: Beside, results: RunResults, alignment: Alignment | None) -> Comparison:
         run = results.budget.analysis.run
         try:
             return Comparison.of(self._trace(given, run), run, results.machine, alignment=alignment)

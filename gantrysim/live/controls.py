@@ -134,11 +134,11 @@ def checked_values(values: Mapping[str, Any], controls: Sequence[Control]) -> di
     for key, value in values.items():
         if key not in by_key:
             raise unknown("control", key, by_key)
-        checked[key] = None if value is None else _checked(by_key[key], value)
+        checked[key] = None if value is None else _checked_value(by_key[key], value)
     return checked
 
 
-def _checked(control: Control, value: Any) -> Any:
+def _checked_value(control: Control, value: Any) -> Any:
     if control.additions:
         if not isinstance(value, list) or not value:
             raise InputError(f"{control.key}: must be a list of names")

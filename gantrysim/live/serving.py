@@ -59,7 +59,10 @@ def serve(
         InputError: an unknown job, or an address that cannot be bound to.
     """
     folder, path = opened(job)
-    with closing(_bound(host, port)) as listener, tempfile.TemporaryDirectory(prefix="gantrysim-live-") as scratch:
+    with (
+        closing(_bound_socket(host, port)) as listener,
+        tempfile.TemporaryDirectory(prefix="gantrysim-live-") as scratch,
+    ):
         number = listener.getsockname()[1]
         terminal = Terminal()
         asking = terminal if terminal.is_interactive else None
@@ -96,7 +99,7 @@ def opened(job: str) -> tuple[Path, str]:
     return path.parent, str(path)
 
 
-def _bound(host: str, port: int) -> socket.socket:
+def _bound_socket(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -157,7 +160,7 @@ class Guard:
         if scope["type"] == "http" and scope["path"] == "/" and scope["method"] in _READING:
             given = QueryParams(scope["query_string"]).get(TOKEN)
             if given is not None:
-                return self._entered(given)
+                return self._entry_response(given)
         cookie = HTTPConnection(scope).cookies.get(self.cookie, "")
         if not secrets.compare_digest(cookie.encode(), self._secret.encode()):
             return PlainTextResponse("open the address that gantrysim live has printed\n", 403)
@@ -166,7 +169,7 @@ class Guard:
             return PlainTextResponse("the request comes from another page\n", 403)
         return None
 
-    def _entered(self, given: str) -> Response:
+    def _entry_response(self, given: str) -> Response:
         if not secrets.compare_digest(given.encode(), self.token.encode()):
             return PlainTextResponse("wrong token: open the address that gantrysim live has printed\n", 403)
         # without the token, which would stay in the browser's history

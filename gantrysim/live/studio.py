@@ -160,7 +160,7 @@ class Studio:
             self._run(request, job, job.simulation.engine or WHOLE_ENGINE, send, go_on)
 
     def _run(self, request: Request, job: Job, engine: Engine, send: Send, go_on: Callable[..., None]) -> None:
-        run = job.run(_paced("simulate", send, go_on), engine=engine)
+        run = job.run(_paced_progress("simulate", send, go_on), engine=engine)
         most = QUICK_ROWS if engine == QUICK_ENGINE else MOST_ROWS
         head: dict[str, Any] = {"engine": engine, "name": job.name, "time": float(run.time[-1])}
         if run.fault is not None and not run.dispense.any():
@@ -255,7 +255,7 @@ class Studio:
         job = self._job(draft)
         job.check_fit()
 
-        progress = _paced("report", send, go_on)
+        progress = _paced_progress("report", send, go_on)
         run = job.run(progress)
         page = write_report(job, run, folder / job.name, changes=changes_of, progress=progress)
         send("written", {"folder": str(folder / job.name), "page": "" if page is None else str(page)})
@@ -264,14 +264,14 @@ class Studio:
         job = self._job(draft)
         job.check_fit()
 
-        run = job.run(_paced("film: simulate", send, go_on, (0.0, _SIMULATED)))
+        run = job.run(_paced_progress("film: simulate", send, go_on, (0.0, _SIMULATED)))
         file = folder / _FILM
         folder.mkdir(exist_ok=True)
-        run.film(file, progress=_paced("film: draw", send, go_on, (_SIMULATED, 1.0)))
+        run.film(file, progress=_paced_progress("film: draw", send, go_on, (_SIMULATED, 1.0)))
         send("film", {"name": job.name, "file": str(file)})
 
 
-def _paced(
+def _paced_progress(
     task: str, send: Send, go_on: Callable[..., None], part: tuple[float, float] = (0.0, 1.0)
 ) -> Callable[[float], None]:
     """Return a function of the completed share of a task, which sends it as a part of the whole now and then."""

@@ -216,13 +216,13 @@ class Workbench:
             reason = "is asked for on the terminal" if self._answers[code] is None else "was refused on the terminal"
         else:
             self._answers[code] = None
-            self._ask_for_code(code, partial(self._answered, code))
+            self._ask_for_code(code, partial(self._take_consent, code))
             reason = "answer on the terminal that started gantrysim live"
         text = f"job {Path(code.job).name} {message.content['text']}: {reason}"
         content = {"text": text, "line": 0, "word": "", "task": message.content["task"]}
         return message._replace(kind="refused", content=content)
 
-    def _answered(self, code: Code, is_allowed: bool) -> None:
+    def _take_consent(self, code: Code, is_allowed: bool) -> None:
         self._answers[code] = is_allowed
         # a job that was opened since goes on
         if self._draft.path == code.job:

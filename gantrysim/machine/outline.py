@@ -98,7 +98,7 @@ def outline(machine: Machine, positions: Floats) -> list[Part]:
     inverse = _inverse(turns[:, machine.work])
     parts = []
     for body, solids in sorted(_solids(model, data, carriers).items()):
-        position = _MM * _rotated(places[:, body] - origin, inverse)
+        position = _MM * _rotated_vectors(places[:, body] - origin, inverse)
         rotation = _steady_sign(_product(inverse, turns[:, body]))
         parts.append(Part(model.body(body).name, tuple(solids), position, rotation))
     return parts
@@ -116,7 +116,7 @@ def _product(first: Floats, second: Floats) -> Floats:
     return np.concatenate([w, vector], axis=1)
 
 
-def _rotated(vectors: Floats, rotation: Floats) -> Floats:
+def _rotated_vectors(vectors: Floats, rotation: Floats) -> Floats:
     """Return vectors, (n, 3), turned by quaternions, (n, 4)."""
     # v' = v + 2 u x (u x v + w v) for the quaternion (w, u)
     u = rotation[:, 1:]
@@ -152,13 +152,13 @@ def _solids(model: mujoco.MjModel, data: mujoco.MjData, carriers: NDArray[np.int
     # the box around it, in the frame of the geom
     is_boxed = ~np.isin(kinds, list(_KINDS))
     box = model.geom_aabb[geoms[is_boxed]]
-    centre[is_boxed] += _rotated(box[:, :3], turn[is_boxed])
+    centre[is_boxed] += _rotated_vectors(box[:, :3], turn[is_boxed])
     size[is_boxed] = box[:, 3:]
     body = model.geom_bodyid[geoms]
     carrier = carriers[body]
     inverse = _inverse(data.xquat[carrier])
-    from_carrier = data.xpos[body] + _rotated(centre, data.xquat[body]) - data.xpos[carrier]
-    position = _rotated(from_carrier, inverse)
+    from_carrier = data.xpos[body] + _rotated_vectors(centre, data.xquat[body]) - data.xpos[carrier]
+    position = _rotated_vectors(from_carrier, inverse)
     rotation = _product(inverse, _product(data.xquat[body], turn))
     solids: dict[int, list[Solid]] = {}
     for k, (of, kind, geom) in enumerate(zip(carrier.tolist(), kinds.tolist(), geoms.tolist(), strict=True)):

@@ -140,13 +140,13 @@ def _place_on(trace: _Trace, place: float, bend: tuple[float, float], near: NDAr
     """
     low = max(place - _SLOPE_REACH, trace.s[0])
     high = min(place + _SLOPE_REACH, trace.s[-1])
-    error = _interpolated(trace, place, near, 0)
-    across = (_interpolated(trace, high, near, 1) - _interpolated(trace, low, near, 2)) / (high - low)
+    error = _interpolated_error(trace, place, near, 0)
+    across = (_interpolated_error(trace, high, near, 1) - _interpolated_error(trace, low, near, 2)) / (high - low)
     return _Place(error, bend[0] - bend[1] * error, across)
 
 
 @jit
-def _interpolated(trace: _Trace, place: float, near: NDArray[np.intp], which: int) -> float:
+def _interpolated_error(trace: _Trace, place: float, near: NDArray[np.intp], which: int) -> float:
     """Return a trace's lateral error at an arc length, that of its ends before and behind them [mm]."""
     s = trace.s
     lateral = trace.lateral
@@ -242,7 +242,7 @@ def _approach(
             count += 1
             continue
         # on the path's tangent from the last place, with the heading there
-        error = _interpolated(trace, met_at[i], near, 0)
+        error = _interpolated_error(trace, met_at[i], near, 0)
         before[i] = near[0]
         for k in range(3):
             along, normal, up = _directions_at(frames, j, k)

@@ -117,9 +117,9 @@ class Involute(Path):
 
     @cached_property
     def _angles(self) -> LastCall[Floats]:
-        return LastCall(self._swept)
+        return LastCall(self._swept_angles)
 
-    def _swept(self, s: Floats) -> Floats:
+    def _swept_angles(self, s: Floats) -> Floats:
         radius = float(self.radius)
         rise = abs(self._rise)
         angles: Floats = swept_along(radius, -self.a, rise, s.ravel(), self.angle)  # type: ignore[no-untyped-call]

@@ -221,11 +221,11 @@ class Setpoints(Shown):
 
     def hold(self, duration: float) -> Setpoints:
         """Return these setpoints with the last position held for `duration` [s], the dispenser off."""
-        return self._padded(0, ticks(at_least("hold", duration, 0, "s"), self.period))
+        return self._padded_setpoints(0, ticks(at_least("hold", duration, 0, "s"), self.period))
 
     def wait(self, duration: float) -> Setpoints:
         """Return these setpoints after a hold of the first position for `duration` [s], the dispenser off."""
-        return self._padded(ticks(at_least("wait", duration, 0, "s"), self.period), 0)
+        return self._padded_setpoints(ticks(at_least("wait", duration, 0, "s"), self.period), 0)
 
     def until(self, count: int) -> Setpoints:
         """Return the first `count` setpoints, without waits at gates."""
@@ -244,7 +244,7 @@ class Setpoints(Shown):
             **given,
         )
 
-    def _padded(self, before: int, after: int) -> Setpoints:
+    def _padded_setpoints(self, before: int, after: int) -> Setpoints:
         if not before and not after:
             return self
         total = len(self.position) + before + after

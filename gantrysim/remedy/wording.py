@@ -56,7 +56,7 @@ class Keys:
         """Return what a key sets, in a few words; empty for an unknown one."""
         if key == LAW:
             return "control law"
-        return _shortened(_BRIEF_MEANING.split(self._meanings.get(key, ""), maxsplit=1)[0])
+        return _shortened_meaning(_BRIEF_MEANING.split(self._meanings.get(key, ""), maxsplit=1)[0])
 
     def before(self, key: str) -> Any:
         """Return the present value of a key, chosen or derived where the job does not give it; None if unknown."""
@@ -73,7 +73,7 @@ class Keys:
         return value
 
 
-def _shortened(meaning: str) -> str:
+def _shortened_meaning(meaning: str) -> str:
     """Return a meaning up to the last phrase that fits behind a line, and does not end with a word that opens one."""
     if len(meaning) <= _MEANING_LENGTH:
         return meaning
@@ -217,13 +217,13 @@ def _flow_text(changes: Mapping[str, tuple[Any, Any]], base: Job, improved: Job)
 def _change_text(former: Any, now: Any, unit: str) -> str:
     """Return a value before and after with its unit; times in milliseconds."""
     if unit == "s":
-        former = _scaled(former, 1e3)
-        now = _scaled(now, 1e3)
+        former = _scaled_value(former, 1e3)
+        now = _scaled_value(now, 1e3)
         unit = "ms"
     return f"{_numbers_text(former)}{GAIN_ARROW}{_numbers_text(now)}{f' {unit}' if unit else ''}"
 
 
-def _scaled(value: Any, factor: float) -> Any:
+def _scaled_value(value: Any, factor: float) -> Any:
     return [factor * item for item in value] if isinstance(value, list | tuple) else factor * value
 
 

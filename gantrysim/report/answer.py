@@ -192,7 +192,7 @@ def _spoilt(results: RunResults) -> str:
     if results.verdict.disturbances:
         return headline(results)
     if sentences := _causes_of(row, results):
-        return f"{row.name.capitalize()}: {_lowered(sentences)}"
+        return f"{row.name.capitalize()}: {_lowered_first_letter(sentences)}"
     if row.name == PATH:
         # without its causes, where on the chain it lies
         return headline(results)
@@ -221,10 +221,10 @@ def _also_spoilt(results: RunResults) -> str:
         return ""
     rows = [row for row in verdict.rows if row.name in (PATH, GLUE) and row.state == worst.state and row is not worst]
     causes = {row.name.capitalize(): _causes_of(row, results) for row in rows}
-    return " ".join(f"{name}: {_lowered(text)}" for name, text in causes.items() if text)
+    return " ".join(f"{name}: {_lowered_first_letter(text)}" for name, text in causes.items() if text)
 
 
-def _lowered(text: str) -> str:
+def _lowered_first_letter(text: str) -> str:
     return f"{text[0].lower()}{text[1:]}"
 
 

@@ -49,15 +49,15 @@ def draw_card(figure: Figure, results: RunResults, answer: Answer) -> None:
     draw_laid(picture, results, text_size=10)
     words = _Words(figure)
     title = f"{results.basis.name} on {results.machine.name}"
-    columns = (_written(_Column(words, share), title, answer) for share in _SIZE_SHARES)
+    columns = (_written_column(_Column(words, share), title, answer) for share in _SIZE_SHARES)
     column = next((column for column in columns if column.bottom >= _BOTTOM), None)
-    (column or _written(_Column(words, _SIZE_SHARES[-1]), title, answer)).draw(figure)
+    (column or _written_column(_Column(words, _SIZE_SHARES[-1]), title, answer)).draw(figure)
     place = ((WIDTH - _EDGE) / WIDTH, 20 / HEIGHT)
     figure.text(*place, f"gantrysim  ·  {written_on()}", fontsize=10, color=SOFT, ha="right", va="bottom")
     figure.add_artist(_bar(STATES[answer.state]))
 
 
-def _written(text: _Column, title: str, answer: Answer) -> _Column:
+def _written_column(text: _Column, title: str, answer: Answer) -> _Column:
     text.add(title, 12, SOFT, after=20)
     text.add(answer.title, 24, STATES[answer.state], state=answer.state, after=14)
     for row in answer.rows:
@@ -146,7 +146,7 @@ class _Column:
         points = self._share * size
         weight = "bold" if size > _BOLD_SIZE else "normal"
         indent = 2 * points if state else 0.0
-        rows = self._wrapped(text, points, weight, WIDTH - _EDGE - _BEGIN - indent)
+        rows = self._wrapped_lines(text, points, weight, WIDTH - _EDGE - _BEGIN - indent)
         for k, row in enumerate(rows):
             shape = "" if k else state
             self._lines.append(_Line(_BEGIN + indent, self.bottom, row, points, colour, weight, shape))
@@ -161,7 +161,7 @@ class _Column:
             if line.state:
                 _draw_shape(figure, line)
 
-    def _wrapped(self, text: str, points: float, weight: str, width: float) -> list[str]:
+    def _wrapped_lines(self, text: str, points: float, weight: str, width: float) -> list[str]:
         rows: list[str] = []
         line = ""
         for word in joined(text).split(" "):

@@ -200,7 +200,7 @@ class SavedRun:
             raise InputError(f"run {place}: is a file, must be a folder that gantrysim run has written")
         check_whole(where, f"run {place}")
         missing = [name for name in (JOB, RUN) if not (where / name).is_file()]
-        written = _written(where)
+        written = _time_of_record(where)
         if missing == [JOB] and not Run.load(where / RUN).job_sha256:
             raise InputError(
                 f"run {place}: its record was written from Python, without a job, which commands need: read it with "
@@ -229,8 +229,8 @@ class SavedRun:
     @property
     def is_current(self) -> bool:
         """Whether the folder still holds this record, not a later run's."""
-        return _written(expanded_path(self.folder)) == self.written
+        return _time_of_record(expanded_path(self.folder)) == self.written
 
 
-def _written(folder: Path) -> int:
+def _time_of_record(folder: Path) -> int:
     return (folder / RUN).stat().st_mtime_ns if (folder / RUN).exists() else 0

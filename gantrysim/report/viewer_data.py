@@ -302,7 +302,7 @@ class ViewerData:
         is_sum = check.name == PLOUGHED.name and verdict[GLUE].values[PASSES.key] > 1
         return f"{check.measured} in all" if is_sum else check.measured
 
-    def _ploughed(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def _ploughed_ticks(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether the needle passes through its own glue at ticks of the run, (m,)."""
         verdict = self.results.verdict
         time = self.results.budget.analysis.run.time[rows]
@@ -323,7 +323,7 @@ class ViewerData:
             "dispense": encoded_runs(run.dispense[rows]),
             "line": encoded_runs(lines),
         }
-        if (ploughed := self._ploughed(rows)).any():
+        if (ploughed := self._ploughed_ticks(rows)).any():
             columns["ploughed"] = encoded_runs(ploughed)
         contents = []
         for series in self.series:

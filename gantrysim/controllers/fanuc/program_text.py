@@ -87,7 +87,7 @@ def read(source: ProgramSource, state: ModalState, flow_output: str = "") -> Pro
         for number in _NUMBERED_PARAMETERS:
             outputs[f"#{number}"].add(sequence.parameters.numbered(number))
         if not motions and blocks and not _ENDS_OR_CALLS.issuperset(words.auxiliary):
-            blocks[-1] = _halted(blocks[-1])
+            blocks[-1] = _halted_motion(blocks[-1])
         blocks += (
             SourceBlock(
                 name=words.name,
@@ -105,7 +105,7 @@ def read(source: ProgramSource, state: ModalState, flow_output: str = "") -> Pro
     return ProgramMotions(tuple(blocks), sequence.called_files, outputs)
 
 
-def _halted(source: SourceBlock) -> SourceBlock:
+def _halted_motion(source: SourceBlock) -> SourceBlock:
     """Return a motion that comes to rest before a block of M codes alone; a dwell as it is."""
     if isinstance(source.block, Dwell):
         return source

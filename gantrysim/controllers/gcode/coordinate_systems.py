@@ -161,9 +161,9 @@ class CoordinateSystems:
 
     def shown(self, key: float | str) -> float | None:
         """Return a parameter that shows the frames; None for others."""
-        return self._named(key) if isinstance(key, str) else self._numbered(int(key))
+        return self._named_parameter(key) if isinstance(key, str) else self._numbered_parameter(int(key))
 
-    def _named(self, key: str) -> float | None:
+    def _named_parameter(self, key: str) -> float | None:
         if key in ("_x", "_y", "_z"):
             return self.program(self.here)["xyz".index(key[1])] / self.unit
         if key in ("_abs_x", "_abs_y", "_abs_z"):
@@ -180,7 +180,7 @@ class CoordinateSystems:
         }
         return float(flags[key]) if key in flags else None
 
-    def _numbered(self, number: int) -> float | None:
+    def _numbered_parameter(self, number: int) -> float | None:
         if _POSITION <= number < _POSITION + 3:
             return self.program(self.here)[number - _POSITION] / self.unit
         if number == _SYSTEM:

@@ -142,7 +142,7 @@ class CutterCompensation:
         if lean <= 0:
             raise InputError("cutter compensation begins in an arc that leaves no room for it: must be longer")
         radius = abs(chord) ** 2 / (2 * lean)
-        arc = _swept(programmed.start, beside.end, beside.end + radius * inward, programmed.angle)
+        arc = _swept_arc(programmed.start, beside.end, beside.end + radius * inward, programmed.angle)
         self._add_arc(move, arc, is_entry=True)
 
     def _join(self, move: MoveRow, programmed: PlaneMove, last: _Last) -> None:
@@ -155,7 +155,7 @@ class CutterCompensation:
         if abs(inward) < _STRAIGHT_ON:
             beside = beside.begun_at(here)
         elif self._is_outside_arc(beside, last.beside) if reverses else inward > 0:
-            beside = self._cut(beside, last)
+            beside = self._cut_at_meeting(beside, last)
         else:
             self._go_round(move, programmed.start, here, beside.start)
         if beside.centre is None:
@@ -188,7 +188,7 @@ class CutterCompensation:
         self._moves.add(row)
         self._last = _Last(len(self._moves) - 1, arc, is_entry)
 
-    def _cut(self, beside: PlaneMove, last: _Last) -> PlaneMove:
+    def _cut_at_meeting(self, beside: PlaneMove, last: _Last) -> PlaneMove:
         """End the move before where it meets a move, and return what is left of that one."""
         place = meeting(last.beside, beside)
         if place is None or _exceeds(beside, beside.onward(place)):
@@ -222,7 +222,7 @@ def _exceeds(move: PlaneMove, way: float) -> bool:
     return way > abs(move.angle) - _ARC_ROUNDING
 
 
-def _swept(start: complex, end: complex, centre: complex, programmed: float) -> PlaneMove:
+def _swept_arc(start: complex, end: complex, centre: complex, programmed: float) -> PlaneMove:
     """An arc about a centre in the sense of a programmed one, with as many turns."""
     sense = math.copysign(1.0, programmed)
     angle = sense * cmath.phase((end - centre) / (start - centre)) % (2 * math.pi)

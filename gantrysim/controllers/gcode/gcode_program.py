@@ -180,11 +180,11 @@ class GCode(Controller):
     def _outcome(self) -> Interpreted | InputError:
         """The moves, or why a line is refused: several ask, and a program may run for seconds until that line."""
         try:
-            return self._interpreted()
+            return self._interpreted_program()
         except InputError as error:
             return error.with_traceback(None)
 
-    def _interpreted(self) -> Interpreted:
+    def _interpreted_program(self) -> Interpreted:
         library = self._library
         text = ProgramText(
             main=self.text.removeprefix("\ufeff"),

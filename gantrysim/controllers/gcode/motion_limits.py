@@ -61,13 +61,13 @@ def planned_profile(lengths: Floats, speed: Floats, acceleration: Floats, joint:
     """
     top = np.zeros(lengths.size + 1)
     top[1:-1] = np.minimum(np.minimum(speed[:-1], speed[1:]), joint) ** 2
-    square = _swept(lengths, acceleration, top)
+    square = _reachable_squares(lengths, acceleration, top)
     s, v = _nodes(lengths, speed, acceleration, square)
     return Limited(s, v)
 
 
 @jit
-def _swept(lengths: Floats, acceleration: Floats, top: Floats) -> Floats:
+def _reachable_squares(lengths: Floats, acceleration: Floats, top: Floats) -> Floats:
     """Squares of the highest speeds at the joints that can be braked from and reached, (n + 1,)."""
     x = top.copy()
     for k in range(lengths.size - 1, -1, -1):

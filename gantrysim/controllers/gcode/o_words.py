@@ -250,15 +250,15 @@ class ProgramFlow(ProgramLines):
                 parsed = statement(text, KEYWORDS)
                 self._statements[self.place] = parsed
             if parsed.label is not None:
-                return self._controlled(parsed), None
-            words = self._assigned(parsed)
+                return self._place_of_o_word(parsed), None
+            words = self._words_of_assignment(parsed)
         if "M" in text:
-            following = self._called(words)
+            following = self._place_of_call(words)
             if following is not None:
                 return following, [word for word in words if word[0] not in "MPLN"]
         return self.following, words or None
 
-    def _assigned(self, read: ParsedLine) -> Words:
+    def _words_of_assignment(self, read: ParsedLine) -> Words:
         """Return the words of a line, and then set its parameters: it reads the values from before."""
         words = read.evaluated(self.parameters)
         values = [value(self.parameters) for _, value in read.settings]
@@ -266,7 +266,7 @@ class ProgramFlow(ProgramLines):
             self.parameters.set(target, value)
         return words
 
-    def _called(self, words: Words) -> int | None:
+    def _place_of_call(self, words: Words) -> int | None:
         """Return the place that follows M98 or M99; None for other lines."""
         codes = [value for letter, value in words if letter == "M"]
         if 98.0 in codes:
@@ -275,7 +275,7 @@ class ProgramFlow(ProgramLines):
             return self.end_repetition() if self.depth else END
         return None
 
-    def _controlled(self, read: ParsedLine) -> int:
+    def _place_of_o_word(self, read: ParsedLine) -> int:
         """Run an O word; return the place that follows."""
         label = read.label
         assert label is not None
@@ -329,15 +329,15 @@ class ProgramFlow(ProgramLines):
     def o_endsub(self, read: ParsedLine, label: str) -> int:
         if not self.depth:
             raise InputError(f"endsub of {label}: must be in a subroutine that was called")
-        return self._returned(read)
+        return self._place_of_return(read)
 
     @o_word
     def o_return(self, read: ParsedLine, label: str) -> int:
         if not self.depth:
             raise InputError(f"return of {label}: must be in a subroutine that was called")
-        return self._returned(read)
+        return self._place_of_return(read)
 
-    def _returned(self, read: ParsedLine) -> int:
+    def _place_of_return(self, read: ParsedLine) -> int:
         """Return from a subroutine with its value, which the caller reads as #<_value>."""
         value = self._first_argument(read) if read.arguments else 0.0
         following = self.leave()

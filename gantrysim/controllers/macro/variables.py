@@ -55,7 +55,7 @@ class Parameters:
 
     def numbered(self, number: float) -> float:
         """Return a parameter; 0 where it was never set."""
-        k = self._checked(number)
+        k = self._checked_number(number)
         if k <= self._local:
             return self.scope.numbered.get(k, 0.0)
         provided = self._system(k)
@@ -63,7 +63,7 @@ class Parameters:
 
     def vacant(self, number: float) -> bool:
         """Return whether a numbered parameter was never set."""
-        k = self._checked(number)
+        k = self._checked_number(number)
         return k not in self._scope_of(k).numbered and self._system(k) is None
 
     def named(self, name: str) -> float:
@@ -96,7 +96,7 @@ class Parameters:
         if isinstance(target, str):
             self._names(target)[target] = value
         else:
-            k = self._checked(target(self))
+            k = self._checked_number(target(self))
             self._scope_of(k).numbered[k] = value
         if len(self._common.numbered) + len(self._common.named) + len(self.scope.named) > _MOST_PARAMETERS:
             raise InputError(f"more than {_MOST_PARAMETERS} parameters")
@@ -107,7 +107,7 @@ class Parameters:
     def _scope_of(self, number: int) -> LocalParameters:
         return self.scope if number <= self._local else self._common
 
-    def _checked(self, number: float) -> int:
+    def _checked_number(self, number: float) -> int:
         k = round(number) if math.isfinite(number) else 0
         if not 1 <= k <= self._highest or abs(number - k) > 1e-4:
             raise InputError(f"parameter #{number:g}: must be a whole number from 1 to {self._highest}")

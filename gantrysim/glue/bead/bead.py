@@ -250,10 +250,10 @@ class Bead(BeadTrace, Shown):
         last = excess.size - 1
         ticks = []
         for (begin, end), low, high in zip(self.stretches.tolist(), self._bounds[:-1], self._bounds[1:], strict=True):
-            ticks.append([low, *self._settled(begin, min(end, last)), high])
+            ticks.append([low, *self._settled_ticks(begin, min(end, last)), high])
         return np.diff(excess[np.array(ticks)], axis=1)
 
-    def _settled(self, begin: int, end: int) -> tuple[int, int]:
+    def _settled_ticks(self, begin: int, end: int) -> tuple[int, int]:
         """First tick of a stretch at which the flow has settled, and the tick after the last such.
 
         Between the first rise of the demand and its last fall, a flow has settled where it meets its demand: it comes

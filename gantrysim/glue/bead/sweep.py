@@ -252,7 +252,7 @@ class Sweep:
         flat = np.zeros(_END)
         place = np.full(_END, trace.length[dot.stretch[0]])
         halves = [rings(point, flat, (sphere, flat, flat), sign * _RING_ANGLES, place, angle) for sign in (-1.0, 1.0)]
-        return joined_meshes([_closed(half, sign) for half, sign in zip(halves, (-1.0, 1.0), strict=True)])
+        return joined_meshes([_closed_end(half, sign) for half, sign in zip(halves, (-1.0, 1.0), strict=True)])
 
     @property
     def _nothing(self) -> Mesh:
@@ -322,10 +322,10 @@ class Sweep:
 
     def _end(self, place: float, sign: float, section: Section | None = None) -> Mesh:
         """Return the round end about a place of the trace, at the start (sign -1) or stop (1) of a stretch."""
-        return _closed(self._rings(np.full(_END, place), sign * _RING_ANGLES, section), sign)
+        return _closed_end(self._rings(np.full(_END, place), sign * _RING_ANGLES, section), sign)
 
 
-def _closed(mesh: Mesh, sign: float) -> Mesh:
+def _closed_end(mesh: Mesh, sign: float) -> Mesh:
     """Return the rings of a round end as a part of a bead: they begin or end in a point on its rim."""
     vertices = mesh.vertices.reshape(_END, SIDES + 1, 3)
     normals = mesh.normals.reshape(_END, SIDES + 1, 3)

@@ -287,7 +287,7 @@ class Dispenser:
         last = min(max(math.ceil(block.stop - delay) + 1, first), speed.size)
         breaks, value = self._requests(first, last, speed, valve, period)
         value = np.clip(value, 0.0, self.limit)
-        return self._lagged(breaks, value, block, period, state)
+        return self._lagged_flow(breaks, value, block, period, state)
 
     def _requests(
         self, first: int, last: int, speed: Floats, valve: ValveTimes, period: float
@@ -355,7 +355,7 @@ class Dispenser:
             return driven_notes(self.drive, self.driven(on, speeds, period, material), volume, period)
         if self.kind == JET:
             return jet_notes(self.jet or Jet(), self._shots(on, speeds, period, material), volume)
-        notes = self._clipped(on, speeds, period, material)
+        notes = self._clipping_notes(on, speeds, period, material)
         if self.syringe is None:
             return notes
         flow = self.flows(on, speeds, period, material)
@@ -367,7 +367,9 @@ class Dispenser:
             f"the syringe of {self.syringe.glue:.4g} mm³ runs empty at t = {(empty[0] + 1) * period:.4g} s",
         )
 
-    def _clipped(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> tuple[str, ...]:
+    def _clipping_notes(
+        self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material
+    ) -> tuple[str, ...]:
         """Return a note on what the compensation's demand below zero costs, which a valve cannot follow."""
         if not self.advance:
             return ()
@@ -471,7 +473,7 @@ class Dispenser:
         syringe = self.syringe
         return np.zeros(1) if syringe is None else np.array([0.0, ATMOSPHERE, syringe.glue, syringe.air])
 
-    def _lagged(self, breaks: Floats, value: Floats, block: slice, period: float, state: Floats) -> Floats:
+    def _lagged_flow(self, breaks: Floats, value: Floats, block: slice, period: float, state: Floats) -> Floats:
         """Return the mean flow over each period of a block for a request of `value` between `breaks` [periods]."""
         delayed = on_ticks(breaks + self.dead_time / period)
         # nothing is requested before the first tick

@@ -196,10 +196,10 @@ def fit_dispenser(measured: Measurements, progress: Callable[[float], None] = la
     lowest = min(minima, key=lambda minimum: minimum.cost)
     if lowest is not minima[0]:
         minima[0] = search.minimum(frozenset(), errors, [lowest.x])
-    return _weighed(search, minima, errors)
+    return _weighed_fit(search, minima, errors)
 
 
-def _weighed(search: _Search, minima: Sequence[Minimum], errors: tuple[Errors, ...]) -> DispenserFit:
+def _weighed_fit(search: _Search, minima: Sequence[Minimum], errors: tuple[Errors, ...]) -> DispenserFit:
     """Return the fit over all choices of terms."""
     scores = np.array([search.evidence(minimum) for minimum in minima])
     weights = np.exp(scores - scores.max())

@@ -113,7 +113,7 @@ class DispenserIdentification:
     def values(self) -> tuple[DispenserValue, ...]:
         """The parameters, and what follows from them."""
         values = [self._parameter(k) for k, shown in enumerate(self.fit.parameters) if shown.name not in EDGES]
-        return (*values, *(self._derived(name) for name in self._derivable))
+        return (*values, *(self._derived_value(name) for name in self._derivable))
 
     def __getitem__(self, name: str) -> DispenserValue:
         return next(value for value in self.values if value.name == name)
@@ -127,7 +127,7 @@ class DispenserIdentification:
     @cached_property
     def advice(self) -> Advice | None:
         """The two measurements that would narrow the intervals most; None where nothing can be added."""
-        needs = {parameter.name: self._bound(parameter.name) for parameter in self.fit.parameters}
+        needs = {parameter.name: self._bound_of(parameter.name) for parameter in self.fit.parameters}
         return advice_for(self.fit, needs)
 
     @property
@@ -227,7 +227,7 @@ class DispenserIdentification:
             names.append(FLOW_AT_PRESSURE)
         return names
 
-    def _bound(self, name: str) -> float:
+    def _bound_of(self, name: str) -> float:
         return _BOUNDS.get(name, KNOWN_INTERVAL)
 
     def _slack(self, name: str) -> float:
@@ -249,7 +249,7 @@ class DispenserIdentification:
         reason = self._reason(parameter.name, value, low, high)
         return DispenserValue(parameter.name, parameter.label, parameter.unit, value, low, high, not reason, reason)
 
-    def _derived(self, name: str) -> DispenserValue:
+    def _derived_value(self, name: str) -> DispenserValue:
         """Return a value that follows from the parameters; its logarithm is normal where it is above zero."""
         unit, label = DERIVED_VALUES[name]
         is_log = name != OFFSET
@@ -322,7 +322,7 @@ class DispenserIdentification:
         if name == INDEX and self._is_driven and not self._shows_pressure:
             return "no pressure measured"
         half = 0.5 * (high - low)
-        if half <= max(self._bound(name) * abs(value), self._slack(name)):
+        if half <= max(self._bound_of(name) * abs(value), self._slack(name)):
             return ""
         return "not measured" if half > _UNKNOWN * abs(value) else "interval"
 

@@ -216,7 +216,7 @@ def _experiments(table: ColumnTable, given: Mapping[str, str]) -> list[Experimen
     values = {name: _values(table, sources[name], name) for name in names}
     for name in _CONSTANTS:
         if name in values:
-            values[name] = _filled(values[name])
+            values[name] = _filled_column(values[name])
     labels = _labels(table, sources.get(_EXPERIMENT))
     kinds = _kinds(table.label, values, labels)
     experiments = []
@@ -299,7 +299,7 @@ def _labels(table: ColumnTable, source: Source | None) -> list[str]:
     return [f"experiment {value:g}" if np.isfinite(value) else "" for value in table.columns[source.column]]
 
 
-def _filled(values: Floats) -> Floats:
+def _filled_column(values: Floats) -> Floats:
     """Return a column whose empty cells have the value above, or the first one."""
     known = np.flatnonzero(np.isfinite(values))
     if not known.size:

@@ -271,10 +271,12 @@ class Model(NamedTuple):
                 pressure[rows] = experiment.columns["pressure"][rows]
                 flow[rows] = needle.flow(pressure[rows])
             else:
-                flow[rows], pressure[rows] = _settled(needle, self._displaced(values, experiment)[rows], values)
+                flow[rows], pressure[rows] = _settled_flow(
+                    needle, self._displaced_rates(values, experiment)[rows], values
+                )
         return flow, pressure
 
-    def _displaced(self, values: Mapping[str, float], experiment: Experiment) -> Floats:
+    def _displaced_rates(self, values: Mapping[str, float], experiment: Experiment) -> Floats:
         """Return the rates that pump or plunger displace, (n,) [mm³/s]."""
         speed = experiment.columns[self.measured.driver]
         if self.measured.kind == VOLUMETRIC:
@@ -316,7 +318,11 @@ class Model(NamedTuple):
         time = experiment.columns["time"]
         instant = _INSTANT * float(np.median(np.diff(time)))
         marks = np.unique(np.concatenate([time - instant, time, time + instant]))
-        volume = self._driven(values, experiment, marks) if self._is_driven else self._valve(values, experiment, marks)
+        volume = (
+            self._driven_volumes(values, experiment, marks)
+            if self._is_driven
+            else self._valve(values, experiment, marks)
+        )
 
         def passed(instants: Floats) -> Floats:
             return volume[np.searchsorted(marks, instants)]
@@ -342,14 +348,14 @@ class Model(NamedTuple):
         volume = self._volumes(values, experiment, 0, np.diff(edges), state)
         return np.concatenate([[0.0], np.cumsum(volume)])[np.searchsorted(edges, marks)]
 
-    def _driven(self, values: Mapping[str, float], experiment: Experiment, marks: Floats) -> Floats:
+    def _driven_volumes(self, values: Mapping[str, float], experiment: Experiment, marks: Floats) -> Floats:
         """Return the volume that a driven dispenser has laid at some instants, (k,) [mm³]."""
         time = experiment.columns["time"]
         spacing = float(np.median(np.diff(time)))
         cells = int(np.clip(4 * (marks[-1] - marks[0]) / spacing, _CELLS, _MOST_CELLS))
         grid = np.linspace(marks[0], marks[-1], cells + 1)
         period = float(grid[1] - grid[0])
-        rate = self._displaced(values, experiment)
+        rate = self._displaced_rates(values, experiment)
         # the speed changed somewhere between two rows
         middles = 0.5 * (time[1:] + time[:-1]) + values.get(RISING, 0.0)
         edges = np.concatenate([[min(grid[0], middles[0])], middles, [max(grid[-1], middles[-1])]])
@@ -385,7 +391,7 @@ def switches(experiment: Experiment) -> tuple[Floats, Floats]:
     return 0.5 * (time[changes] + time[changes + 1]), states
 
 
-def _settled(needle: Needle, displaced: Floats, values: Mapping[str, float]) -> tuple[Floats, Floats]:
+def _settled_flow(needle: Needle, displaced: Floats, values: Mapping[str, float]) -> tuple[Floats, Floats]:
     """Return the flow Q and pressure p with Q + g p(Q) = D n, (n,) each."""
     leak = values.get(LEAK, 0.0)
     if not leak:

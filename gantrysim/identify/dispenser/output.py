@@ -58,12 +58,12 @@ def tables_text(identification: DispenserIdentification) -> str:
         unit = f" {value.unit}" if value.unit else ""
         state = "" if value.identified else f"; {_state(value)}"
         lines.append(f"# {value.name} = {value.value:.5g}{unit}, 95 %: {value.low:.4g} to {value.high:.4g}{state}\n")
-    return _HEAD + "".join(lines) + "\n" + tomli_w.dumps(_rounded(identification.tables))
+    return _HEAD + "".join(lines) + "\n" + tomli_w.dumps(_rounded_numbers(identification.tables))
 
 
-def _rounded(content: Any) -> Any:
+def _rounded_numbers(content: Any) -> Any:
     if isinstance(content, dict):
-        return {name: _rounded(value) for name, value in content.items()}
+        return {name: _rounded_numbers(value) for name, value in content.items()}
     return float(f"{content:.{_DIGITS}g}") if isinstance(content, float) else content
 
 

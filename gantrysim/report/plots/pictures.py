@@ -57,7 +57,7 @@ class Plot:
 
     def save(self, folder: Path) -> Path:
         """Write the plot into a folder, as a PNG file; return the file."""
-        figure = self._drawn()
+        figure = self._drawn_figure()
         if self.fault:
             figure.supxlabel(f"fault: {self.fault}", color=COLOURS["fault"], fontsize="medium")
         return self._write(figure, folder)
@@ -68,7 +68,7 @@ class Plot:
         Args:
             folder: where the picture is written on the way, if that is possible and the run is complete; None for none.
         """
-        figure = self._drawn()
+        figure = self._drawn_figure()
         if folder is not None and not self.fault:
             # of one that is missing, `save` tells why
             with suppress(Exception):
@@ -77,7 +77,7 @@ class Plot:
             _coarsen(figure, self.columns)
         return figure
 
-    def _drawn(self) -> Figure:
+    def _drawn_figure(self) -> Figure:
         with sheet(self.width, self.height) as figure:
             self.draw(figure)
         return figure

@@ -261,12 +261,12 @@ class Plant:
                     f"{' and '.join(map(repr, sorted(modes)))}"
                 )
             if modes != {"stepper"}:
-                loop_period, system = self._sampled(motion, motors, states, axes)
+                loop_period, system = self._sampled_group(motion, motors, states, axes)
                 self._periods.append(loop_period)
                 self._responses.append(FrequencyResponse.of(system))
         self.groups = tuple(response.system.axes for response in self._responses)
 
-    def _sampled(
+    def _sampled_group(
         self, motion: Motion, motors: Floats, states: list[int], axes: list[int]
     ) -> tuple[float, LinearSystem]:
         """Return the period of the loop that the group's mode closes, and the group's motion between its samples."""

@@ -92,14 +92,14 @@ class Simplex:
         others = self._vertices[: -self._moved]
         worst = self._vertices[-self._moved :]
         centroid = np.mean([vertex.point for vertex in others], axis=0)
-        reflections = yield from self._measured([2 * centroid - vertex.point for vertex in worst])
+        reflections = yield from self._measurement_of([2 * centroid - vertex.point for vertex in worst])
         factors = [self._factor(*pair, others) for pair in zip(worst, reflections, strict=True)]
         points = [
             centroid + factor * (centroid - vertex.point)
             for vertex, factor in zip(worst, factors, strict=True)
             if factor is not None
         ]
-        trials = iter((yield from self._measured(points)) if points else ())
+        trials = iter((yield from self._measurement_of(points)) if points else ())
         successors = []
         for vertex, reflection, factor in zip(worst, reflections, factors, strict=True):
             candidates = [vertex, reflection] if factor is None else [vertex, reflection, next(trials)]
@@ -119,9 +119,9 @@ class Simplex:
     def _shrink(self) -> Descent:
         best, *others = sorted(self._vertices, key=self._key)
         points = [best.point + self._shrinkage * (vertex.point - best.point) for vertex in others]
-        self._vertices = [best, *(yield from self._measured(points))]
+        self._vertices = [best, *(yield from self._measurement_of(points))]
 
-    def _measured(self, points: Sequence[Floats]) -> _Measurement:
+    def _measurement_of(self, points: Sequence[Floats]) -> _Measurement:
         clipped = [np.clip(point, *self._bounds.T) for point in points]
         self._keys = yield clipped
         first = len(self._keys) - len(clipped)

@@ -44,7 +44,7 @@ def servo_toml(job: Job, servo: Servo, comments: Sequence[str]) -> str:
         f"law = {json.dumps(law_of(servo))}",
         f"learning_repeats = {servo.laws.learning_repeats}",
         f"following_error_limit = {job.servo.following_error_limit!r}  # [{unit_of('resolution', units)}]",
-        *(f"{name} = {_written(servo, name)}  # [{unit_in_modes(servo, name, units)}]" for name in UNITS),
+        *(f"{name} = {_written_value(servo, name)}  # [{unit_in_modes(servo, name, units)}]" for name in UNITS),
     ]
     return _table(job, comments, lines)
 
@@ -74,7 +74,7 @@ def tuned_toml(job: Job, servo: Servo, gains: Sequence[str], comments: Sequence[
     for name in names:
         before = ", ".join(shown_gain(value) for value in start.per_axis(name))
         change = "" if before == ", ".join(shown_gain(value) for value in servo.per_axis(name)) else f", was {before}"
-        lines.append(f"{name} = {_written(servo, name)}  # [{unit_in_modes(servo, name, units)}]{change}")
+        lines.append(f"{name} = {_written_value(servo, name)}  # [{unit_in_modes(servo, name, units)}]{change}")
     return _table(job, comments, lines)
 
 
@@ -92,7 +92,7 @@ def shown_gain(value: float) -> str:
     return f"{value:.4g}"
 
 
-def _written(servo: Servo, name: str) -> str:
+def _written_value(servo: Servo, name: str) -> str:
     return f"[{', '.join(repr(float(value)) for value in servo.per_axis(name))}]"
 
 

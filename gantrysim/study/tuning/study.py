@@ -143,32 +143,32 @@ class TuningStudy(Study):
     @cached_property
     def perturbations(self) -> list[Perturbation | None]:
         """Perturbations of the machines of the search; the first machine is the job's own."""
-        return [None, *self._drawn(self.robust, self.seed)]
+        return [None, *self._drawn_machines(self.robust, self.seed)]
 
     @cached_property
     def unseen_perturbations(self) -> list[Perturbation]:
         """Perturbations of the machines of the final check."""
         # with another seed: machines of the search would flatter the gains that were fitted to them
-        return self._drawn(self.unseen, self.seed + 1)
+        return self._drawn_machines(self.unseen, self.seed + 1)
 
-    def _perturbed(self, perturbations: Sequence[Perturbation | None]) -> list[Machine]:
+    def _perturbed_machines(self, perturbations: Sequence[Perturbation | None]) -> list[Machine]:
         nominal = self.job.built_machine
         return [nominal.perturbed(perturbation) for perturbation in perturbations if perturbation is not None]
 
-    def _drawn(self, count: int, seed: int) -> list[Perturbation]:
+    def _drawn_machines(self, count: int, seed: int) -> list[Perturbation]:
         return self.spread.machines(self.job.built_machine, count, seed) if count else []
 
     @cached_property
     def machines(self) -> list[Machine]:
         """The machines of the search."""
-        return [self.job.built_machine, *self._perturbed(self.perturbations[1:])]
+        return [self.job.built_machine, *self._perturbed_machines(self.perturbations[1:])]
 
     @cached_property
     def guarded(self) -> list[Machine]:
         """The machines on which the margin is kept: the search's, then the guards."""
         # margins cost no runs, so they are kept on many more machines than are simulated
-        guards = self._drawn(self.guards if self.robust else 0, self.seed + 2)
-        return [*self.machines, *self._perturbed(guards)]
+        guards = self._drawn_machines(self.guards if self.robust else 0, self.seed + 2)
+        return [*self.machines, *self._perturbed_machines(guards)]
 
     @cached_property
     def stability(self) -> Stability:
@@ -178,7 +178,7 @@ class TuningStudy(Study):
     @cached_property
     def unseen_stability(self) -> Stability:
         """Stability margins on the machines of the final check."""
-        return self._stability_on(self._perturbed(self.unseen_perturbations))
+        return self._stability_on(self._perturbed_machines(self.unseen_perturbations))
 
     def _stability_on(self, machines: list[Machine]) -> Stability:
         servo = self.job.built_servo
@@ -273,14 +273,14 @@ class TuningStudy(Study):
     def run(self, servo: Servo) -> Run:
         """Return the record of the job on its own machine with a servo."""
         if servo not in self._runs:
-            self._runs[servo] = self._simulated(servo, self.job.simulation.engine or "mujoco")
+            self._runs[servo] = self._simulated_run(servo, self.job.simulation.engine or "mujoco")
         return self._runs[servo]
 
     def difference_note(self, servo: Servo) -> str:
         """Return a sentence on how far that record is from the search's, empty where they agree."""
-        return difference_note(self.run(servo), self._simulated(servo, self.job.engine_of_searches))
+        return difference_note(self.run(servo), self._simulated_run(servo, self.job.engine_of_searches))
 
-    def _simulated(self, servo: Servo, engine: Engine) -> Run:
+    def _simulated_run(self, servo: Servo, engine: Engine) -> Run:
         job = self.job
         return simulate(
             job.built_machine,

@@ -45,11 +45,11 @@ class Elements:
     def reserved(self, key: str) -> Element | None:
         """Return the element of a reserved name; None for a joint that the group has not."""
         if key in _SYSTEM:
-            return self._registered("sys", "system")
+            return self._registered_element("sys", "system")
         joint = _JOINT.fullmatch(key)
         if joint is not None:
             return self._joint(int(joint[1]))
-        return self._registered(key, "axis")
+        return self._registered_element(key, "axis")
 
     def named(self, name: str) -> Element | None:
         """Return the element of another name, None for an unknown one; the first names the group if it has no name."""
@@ -62,8 +62,8 @@ class Elements:
     def _joint(self, number: int) -> Element | None:
         group = self.focus()
         if number > len(group.axes):
-            return self._registered(f"a{number}", "axis") if not group.axes else None
-        return self._registered(group.axes[number - 1], "axis")
+            return self._registered_element(f"a{number}", "axis") if not group.axes else None
+        return self._registered_element(group.axes[number - 1], "axis")
 
     def declared_group(self, name: str, axes: tuple[str, ...]) -> Element:
         """Return a new group.
@@ -112,5 +112,5 @@ class Elements:
         system = self.by_name.get("sys")
         return default if system is None else float(system.properties.get(name, default))
 
-    def _registered(self, name: str, kind: str) -> Element:
+    def _registered_element(self, name: str, kind: str) -> Element:
         return self.by_name.setdefault(name.lower(), Element(name, kind))

@@ -88,7 +88,7 @@ class Process(Task):
         if name in self.state.globals and name not in self.variables:
             self.state.vr[self.state.globals[name]] = value
         else:
-            self.variables[name] = self._converted(name, value)
+            self.variables[name] = self._converted_value(name, value)
 
     def element(self, name: str, places: list[float]) -> float:
         """Return an element of an array."""
@@ -98,9 +98,9 @@ class Process(Task):
     def set_element(self, name: str, places: list[float], value: float) -> None:
         """Set an element of an array."""
         place = self._place(name, places)
-        self.arrays[name][1][place] = self._converted(name, value)
+        self.arrays[name][1][place] = self._converted_value(name, value)
 
-    def _converted(self, name: str, value: float) -> float:
+    def _converted_value(self, name: str, value: float) -> float:
         kind = self.kinds.get(name)
         if kind == "INTEGER":
             return float(math.trunc(value))

@@ -388,7 +388,7 @@ class Basic(Controller):
 
     @cached_property
     def requested(self) -> Path:
-        return self._requested(self._trace)
+        return self._requested_path(self._trace)
 
     def _points(self, trace: Trace) -> Floats:
         """The linear axes on the work, (n, 3) [mm]."""
@@ -398,10 +398,10 @@ class Basic(Controller):
         columns[:count] = trace.position.T[:count]
         return self.placement.point(columns.T)
 
-    def _requested(self, trace: Trace) -> Path:
+    def _requested_path(self, trace: Trace) -> Path:
         if self.spiral is not None:
             return self.spiral.path(self.placement)
-        stated = self._stated(trace)
+        stated = self._stated_path(trace)
         if stated is not None:
             return stated
         points = self._points(trace)
@@ -409,7 +409,7 @@ class Basic(Controller):
             raise InputError("program moves none of the machine's axes x, y, z: must move one; see axis_numbers")
         return polyline(np.ascontiguousarray(points))
 
-    def _stated(self, trace: Trace) -> Path | None:
+    def _stated_path(self, trace: Trace) -> Path | None:
         motion = trace.state.motion
         numbers = self._numbers(trace)
         start = np.zeros(3)
@@ -445,7 +445,7 @@ class Basic(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         """What the program prints, and what is ignored or assumed."""
-        stated = self.spiral is not None or self._stated(self._trace) is not None
+        stated = self.spiral is not None or self._stated_path(self._trace) is not None
         return notes_of(self._trace.state, self.stop_after, (self.valve, self.flow_output), stated)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
@@ -454,7 +454,7 @@ class Basic(Controller):
     def stretches(self, period: float) -> Stretches:
         """As `Controller.stretches`: the lines with moves that state their path."""
         trace = self.trace(period)
-        if self._stated(trace) is None:
+        if self._stated_path(trace) is None:
             raise InputError(
                 "trio.Basic: the machine's axes are linked to others, or move one by one, so that no line of the "
                 "program sets the path speed of a stretch"
@@ -474,7 +474,7 @@ class Basic(Controller):
             position = np.repeat(position, 2, axis=0)
         # which Setpoints does not copy
         position = read_only(position)
-        requested = self.requested if period == self.servo_period else self._requested(trace)
+        requested = self.requested if period == self.servo_period else self._requested_path(trace)
         linear = np.zeros((len(position), 3))
         linear[:, : min(len(numbers), 3)] = position[:, : min(len(numbers), 3)]
         return Setpoints(
