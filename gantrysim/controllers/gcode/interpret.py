@@ -83,8 +83,8 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
     flow.lines.clear()
     table = moves.table
     valve = valve_of(table, start, state.outputs, setup.upward)
-    for code in (*valve.on, *valve.off):
-        state.ignored.pop(code.split()[0], None)
+    for code in valve.switching_codes:
+        state.ignored.pop(code, None)
     return Interpreted(
         start=start,
         moves=table,
