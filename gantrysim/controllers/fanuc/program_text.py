@@ -184,6 +184,8 @@ def _motion(state: ModalState, words: Words) -> Block:
     if state.in_machine:
         if state.motion not in ("G00", "G01"):
             raise words.fail(10, "G53 must be with G00 or G01")
+        if not state.absolute:
+            raise words.fail(10, "G53 in G91: must be in G90, as the controller ignores it in G91")
         end = coordinates
     else:
         end = state.ends(coordinates)
