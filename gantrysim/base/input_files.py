@@ -199,7 +199,7 @@ def validated_model(
         return model.model_validate(content, context=context)
     except ValidationError as error:
         known = field_names(model) if keys is None else keys()
-        raise InputError(f"{label}: {one_line(error, known, listed)}") from None
+        raise InputError(f"{label}: {one_line(error, known, listed, content=content)}") from None
 
 
 def field_names(kind: type[Any], prefix: str = "") -> Iterator[str]:
@@ -214,13 +214,16 @@ def field_names(kind: type[Any], prefix: str = "") -> Iterator[str]:
                 yield from field_names(part, f"{prefix}{name}.")
 
 
-def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = "", *, located: bool = False) -> str:
+def one_line(
+    error: ValidationError, known: Iterable[str] = (), listed: str = "", *, content: Any = None, located: bool = False
+) -> str:
     """Return the first problems that pydantic found, in one line, and the number of the others.
 
     Args:
         error: of a model.
         known: dotted names of its keys, of which the nearest to an unknown one are named.
         listed: where all of them are listed, if anywhere.
+        content: the values that were refused, by name.
         located: whether what a validator refuses is named with its place, as where several tables are alike.
     """
     names = tuple(known)
@@ -228,12 +231,14 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
     hints = set[str]()
     for item in error.errors():
         context = item.get("ctx", {})
-        place = [str(part) for part in item["loc"] if not _is_kind(str(part))]
+        place = [part for part in _keys_of_place(item["loc"], content) if not _is_kind(part)]
         # of a union, the class that a value might be
         where = ".".join(place[:-1] if place and place[-1] == context.get("class_name") else place)
         cause = context.get("error")
         if item["type"] == "value_error" and isinstance(cause, Exception):
-            text = _located_text(where, str(cause)) if located and where else str(cause)
+            # of a list of tables, too, which has several alike
+            is_located = located or any(part.isdigit() for part in place)
+            text = _located_text(where, str(cause)) if is_located and where else str(cause)
         elif item["type"] == "union_tag_invalid":
             kind = context["discriminator"].strip("'")
             text = f"{where}.{kind} = {context['tag']!r:.60}: must be one of {context['expected_tags']}"
@@ -263,6 +268,19 @@ def _located_text(where: str, text: str) -> str:
     name = where.rpartition(".")[2]
     tail = text.removeprefix(name)
     return f"{where}{tail}" if tail != text and tail.startswith((":", " =")) else f"{where}: {text}"
+
+
+def _keys_of_place(place: Iterable[int | str], content: Any) -> Iterator[str]:
+    """Yield the parts of a place but for the `kind` of a table, which pydantic names after it and which is no key."""
+    within = content
+    for part in place:
+        if isinstance(within, Mapping) and part not in within and within.get("kind") == part:
+            continue
+        if isinstance(within, Mapping):
+            within = within.get(part)
+        elif isinstance(within, list | tuple) and isinstance(part, int) and part < len(within):
+            within = within[part]
+        yield str(part)
 
 
 def _is_kind(part: str) -> bool:
@@ -306,8 +324,7 @@ def _meant_keys(where: str, known: Sequence[str], most: int | None) -> str:
         most: number of keys of a table above which they are not listed; None for any number.
     """
     *tables, wrong = where.split(".")
-    # pydantic names a fault's kind after its number
-    beside = _keys_in(tables, known) or _keys_in(tables[:-1], known)
+    beside = _keys_in(tables, known)
     if wrong in beside:
         return ": is a key of another kind"
     if near := nearest(wrong, sorted(beside)):

@@ -93,7 +93,7 @@ def gains(
 def _read(job: Job, name: str, file: Path) -> tuple[str, list[str]]:
     """Return the tables that a controller's file gives a job, and notes."""
     from gantrysim.exchange.dialect import program_lines
-    from gantrysim.exchange.gains import dialect, sign_of_velocity_drives
+    from gantrysim.exchange.gains import dialect, reasons_without_gains, sign_of_velocity_drives
     from gantrysim.exchange.printer_config import PrinterConfig
     from gantrysim.study.tuning.servo import servo_toml
 
@@ -116,7 +116,8 @@ def _read(job: Job, name: str, file: Path) -> tuple[str, list[str]]:
         note = "no gains: its drives take positions or steps and close their loops themselves; these are its limits"
         return "\n".join([*head, "", *program_lines(limits)]) + "\n", [note]
     if not chosen.has_gains(text):
-        raise InputError(f"{label}: has neither gains nor limits of speed in a section of a joint or axis")
+        why = reasons_without_gains(name, text, job.built_machine.axes, job.built_servo)
+        raise InputError(f"{label}: has neither gains nor limits of speed in a section of a joint or axis{why}")
     axes = job.built_machine.axes
     servo, notes = _labelled_gains(name, text, job, label)
     sign = sign_of_velocity_drives(axes, servo) if job.servo.mode is None and set(servo.modes) == {"torque"} else ""

@@ -53,7 +53,7 @@ _MOVING_SPEED = 0.1  # of the highest speed, from which an instant is known by i
 _STEADY_ACCELERATION = 0.02  # of the largest acceleration along the path, below which a speed is steady
 _RATIO_WINDOW = 0.05  # of a window in which its ratio is taken [s]
 _FEWEST_WINDOWS = 4
-_LARGEST_CLOCK = 2e-3  # rate by which a log's clock may be wrong; beyond, it is another speed
+LARGEST_CLOCK = 2e-3  # rate by which a log's clock may be wrong; beyond, it is another speed
 _SAME_PLACE = 5.0  # residuals across the path by which places may differ at equal times
 _LAG = 5e-3  # time by which a real axis may lag more or less than the simulated one [s]
 _NEARLY_ALL = 0.999  # of the samples, that are no further
@@ -332,7 +332,7 @@ def timing_of(motion: Motion, across: float) -> Timing | None:
     clock = Estimate(rate, of_rate)
     allowed = max(_SAME_PLACE * across, _LAG * float(np.median(speed)))
     kind = "speed"
-    if abs(rate) <= _LARGEST_CLOCK and float(np.quantile(np.abs(along), _NEARLY_ALL)) <= allowed:
+    if abs(rate) <= LARGEST_CLOCK and float(np.quantile(np.abs(along), _NEARLY_ALL)) <= allowed:
         kind = "clock" if clock.distinguished and abs(rate) > _ROUNDING else "shift"
     steady = _steady_ratio(motion)
     way = float(np.ptp(instants))

@@ -21,7 +21,7 @@ from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK
 from gantrysim.compare.equal_times import turned_points
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.over_time import FOLLOWING, TORQUE, AxisDifference, axis_differences
-from gantrysim.compare.trace_faults import aligned_as_named, scale_and_clock
+from gantrysim.compare.trace_faults import aligned_beside_faults, fault_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics import circle_row
 from gantrysim.metrics.analysis import Analysis, ErrorSize
@@ -268,10 +268,10 @@ class Comparison:
                 "every axis in motion, the encoders or the nozzle"
             )
         if alignment is None:
-            alignment = aligned_as_named(trace, run, what)
+            alignment = aligned_beside_faults(trace, run, what)
         measured, simulated = beside(trace, alignment, run, machine)
         wrong = None if frictionless is None else simulated_record(trace, alignment, frictionless, machine)
-        notes = [*trace.notes, *alignment.notes, *scale_and_clock(trace, run, alignment)]
+        notes = [*trace.notes, *alignment.notes, *fault_notes(trace, run, alignment)]
         if "commanded" not in trace.links:
             notes.append("the command is not measured: it is the simulation's in both budgets")
         notes += coverage(simulated, run, alignment)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.compare.alignment import DOUBTFUL_RESIDUAL, Alignment, aligned_trace
+from gantrysim.compare.alignment import DOUBTFUL_RESIDUAL, LARGEST_CLOCK, Alignment, aligned_trace
 from gantrysim.compare.compare_quantities import DIFFERENCE
 from gantrysim.compare.equal_times import AS_WELL, ROTATION, turned_points
 from gantrysim.compare.measured import Trace
@@ -24,6 +25,7 @@ _EXPLAINED_RESIDUAL = 0.5  # residual with scale and clock, of that without, bel
 _NAMED = 0.25  # effect of a scale or clock, of the residual, from which it is named
 _SAMPLES = 500  # of a trace with which other axes are tried
 _TOO_WIDE = 2.0  # span of a trace, of the run's, from which its unit must be another
+_ROUNDS = 2  # in which a scale of hundredths is found
 _WRONG_SCALE = 0.02  # beyond it a scale is no error of a machine but another unit
 
 Axes = tuple[int, int]
@@ -141,8 +143,27 @@ def _words(names: tuple[str, ...], swapped: bool, signs: Axes) -> str:
     return ", ".join(texts)
 
 
-def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
-    """Return notes on a scale of an axis and on a clock that would explain most of what is left after the alignment.
+class ScaleAndClock(NamedTuple):
+    """Scales of the axes and a clock that explain most of what is left after an alignment; only those that are named.
+
+    Attributes:
+        scales: of the trace's axes less 1, by their columns.
+        clock: rate of the trace's clock less 1; 0 where none is named.
+        residual: rms of what is left [mm or deg].
+    """
+
+    scales: Mapping[int, float]
+    clock: float
+    residual: float
+
+    @property
+    def is_any(self) -> bool:
+        """Whether any is named."""
+        return bool(self.scales or self.clock)
+
+
+def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> ScaleAndClock:
+    """Return the scale of an axis and the clock that would explain most of what is left after the alignment.
 
     With m the measured positions of the link that aligns and s the simulated ones at their instants t', the least
     squares of
@@ -150,17 +171,11 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
         m - s(t') - offset = k (s(t') - mean) + c s'(t') (t' - mean) + b s'(t') + a + d z x s(t')
 
     give the scale 1 + k of each axis, and a clock that runs fast by -c; d stands where the alignment sought a turn,
-    which takes up a part of a scale. They are named where they take away half of the residual or more; nothing is
-    corrected. At equal places the clock is judged by these, see
-    `gantrysim.compare.alignment`, and only what lies across the path counts here.
-
-    Raises:
-        InputError: a scale so far from 1 that the unit of a column must be another.
+    which takes up a part of a scale. They are named where they take away half of the residual or more. At equal places
+    the clock is judged by these, see `gantrysim.compare.alignment`, and only what lies across the path counts here.
     """
     measured = trace.nozzle if alignment.by == "nozzle" else trace.axes[alignment.by]
-    if measured is None:
-        return []
-    names = tuple("xyz") if alignment.by == "nozzle" else run.axes
+    assert measured is not None
     offset = alignment.offsets["nozzle" if alignment.by == "nozzle" else "axes"]
     simulated = getattr(run, alignment.by)
     columns = np.flatnonzero(~np.isnan(measured).any(axis=0) & (np.ptp(simulated, axis=0) > 0))
@@ -186,22 +201,90 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
     before = float(np.sqrt(np.mean(residual**2)))
     after = float(np.sqrt(np.mean((residual.ravel() - matrix @ fitted) ** 2)))
     if not after < _EXPLAINED_RESIDUAL * before:
-        return []
-    effects = np.sqrt(np.mean((matrix * fitted) ** 2, axis=0))
-    notes = []
-    for k, column in enumerate(columns.tolist()):
-        if effects[k] >= _NAMED * before:
-            notes.append(_scale_note(names[column], float(fitted[k])))
+        return ScaleAndClock({}, 0.0, before)
+    is_named = np.sqrt(np.mean((matrix * fitted) ** 2, axis=0)) >= _NAMED * before
+    scales = {column: float(fitted[k]) for k, column in enumerate(columns.tolist()) if is_named[k]}
     clock = columns.size
-    if alignment.criterion == "time" and effects[clock] >= _NAMED * before:
-        way = "slow" if fitted[clock] > 0 else "fast"
-        notes.append(f"the trace's clock runs {way} by {1e6 * abs(fitted[clock]):.0f} ppm against the run's")
-    return [f"{note}; that is most of the difference" for note in notes]
+    rate_named = alignment.criterion == "time" and is_named[clock]
+    return ScaleAndClock(scales, -float(fitted[clock]) if rate_named else 0.0, before)
 
 
-def _scale_note(axis: str, scale: float) -> str:
-    if abs(scale) > _WRONG_SCALE:
-        raise InputError(
-            f"{axis}: the trace is {1 + scale:.5g} times the run: a column in another unit, or with a wrong factor?"
+def aligned_beside_faults(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignment:
+    """Return the alignment of a trace whose offsets, turn and shift hold nothing of a wrong scale or clock.
+
+    An alignment takes up what it can of a scale or a clock. So where these are named they are taken out of the trace,
+    about its middle, and it is aligned again; the trace that is compared keeps them.
+
+    Raises:
+        InputError: as `aligned_as_named`, or a scale so far from 1 that the unit of a column must be another.
+    """
+    alignment = aligned_as_named(trace, run, what)
+    for _ in range(_ROUNDS):
+        faults = scale_and_clock(trace, run, alignment)
+        if not faults.is_any:
+            break
+        _check_scales(faults, alignment, run)
+        right = aligned_trace(_without(faults, trace, alignment, run), run, what)
+        if right.criterion == "time":
+            right = replace(right, instants=trace.time - right.shift)
+        alignment = replace(right, residual=scale_and_clock(trace, run, right).residual)
+    return alignment
+
+
+def _without(faults: ScaleAndClock, trace: Trace, alignment: Alignment, run: Run) -> Trace:
+    """Return a trace without the faults that are named, about the middle of what the run covers."""
+    inside = (alignment.instants >= run.time[0]) & (alignment.instants <= run.time[-1])
+
+    def right(values: Floats, rate: float) -> Floats:
+        middle = values[inside].mean()
+        return np.asarray(middle + (values - middle) / (1 + rate))
+
+    measured = trace.nozzle if alignment.by == "nozzle" else trace.axes[alignment.by]
+    assert measured is not None
+    corrected = measured.copy()
+    for column, scale in faults.scales.items():
+        corrected[:, column] = right(measured[:, column], scale)
+    time = right(trace.time, faults.clock) if faults.clock else trace.time
+    if alignment.by == "nozzle":
+        return replace(trace, time=time, nozzle=corrected)
+    return replace(trace, time=time, axes={**trace.axes, alignment.by: corrected})
+
+
+def fault_notes(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
+    """Return notes on a scale of an axis and on a clock that explain most of what is left after an alignment.
+
+    Raises:
+        InputError: a scale so far from 1 that the unit of a column must be another.
+    """
+    faults = scale_and_clock(trace, run, alignment)
+    _check_scales(faults, alignment, run)
+    names = _axis_names(alignment, run)
+    notes = [
+        f"{names[column]} of the trace is {1 + scale:.6f} times that of the run; that is most of the difference, and "
+        "an offset is that at the path's middle"
+        for column, scale in faults.scales.items()
+    ]
+    if abs(faults.clock) > LARGEST_CLOCK:
+        notes.append(
+            f"the trace takes {1 + faults.clock:.4g} times as long as the run, more than by a wrong clock: their "
+            "speeds differ, which --align path leaves out; that is most of the difference"
         )
-    return f"{axis} of the trace is {1 + scale:.6f} times that of the run"
+    elif faults.clock:
+        way = "fast" if faults.clock > 0 else "slow"
+        ppm = 1e6 * abs(faults.clock)
+        notes.append(f"the trace's clock runs {way} by {ppm:.0f} ppm against the run's; that is most of the difference")
+    return notes
+
+
+def _check_scales(faults: ScaleAndClock, alignment: Alignment, run: Run) -> None:
+    names = _axis_names(alignment, run)
+    for column, scale in faults.scales.items():
+        if abs(scale) > _WRONG_SCALE:
+            raise InputError(
+                f"{names[column]}: the trace is {1 + scale:.5g} times the run: a column in another unit, or with a "
+                "wrong factor?"
+            )
+
+
+def _axis_names(alignment: Alignment, run: Run) -> tuple[str, ...]:
+    return tuple("xyz") if alignment.by == "nozzle" else run.axes

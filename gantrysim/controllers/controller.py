@@ -181,6 +181,14 @@ class Controller(ABC):
         """Remarks on the program before it runs."""
         return ()
 
+    @property
+    def dryness(self) -> str:
+        """Why the program lays no glue, in words, if it lays none."""
+        return (
+            "the program has no moves at feed but those straight up or down, or nothing in it switches the valve on, "
+            "by the keys of its controller"
+        )
+
     def line_at(self, time: float) -> int | None:
         """Return the line of the program's text that is active at a time [s], None if it is not known."""
         return None

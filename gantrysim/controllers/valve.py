@@ -360,6 +360,24 @@ class Valve:
             sentence += f" {codes} {verb} not switch it{remedy}."
         return sentence
 
+    @property
+    def switching_codes(self) -> frozenset[str]:
+        """Names of the M codes that switch it, as "M3", however the job writes them."""
+        names = (name for name in (*self.on, *self.off) if name.upper().startswith("M"))
+        return frozenset(f"M{_code(name)[0]}" for name in names)
+
+    @property
+    def dryness(self) -> str:
+        """Why the program lays no glue, in words, if it lays none."""
+        if self.by == "feed":
+            return "the program has no moves at feed but those straight up or down"
+        if self.by == "extrusion":
+            return "E feeds material in no move of the program"
+        if not self.output:
+            return "no code of the program opens the valve (program.dispense)"
+        where = "in no move at feed but those straight up or down, and in no dwell at the work"
+        return f"{_all(self.on)} opens the valve {where if self.at_work else 'in no move and no dwell'}"
+
 
 def unused_set_points(values: Mapping[str, Iterable[float]], valve: Valve) -> Iterator[str]:
     """Yield notes on words of a program that state a flow, as a pump's speed, but do not set it.

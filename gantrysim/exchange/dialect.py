@@ -224,6 +224,16 @@ class Dialect(ABC):
         """Return whether a text has gains of any axis; one without may be the file of a position drive."""
         return True
 
+    def reason_without(self, text: str, axes: Sequence[AxisServo], missing: str) -> str:
+        """Return why an axis, by its name, has no gains in a text, in words; empty where its parameters just lack.
+
+        Args:
+            text: that was read.
+            axes: all of them.
+            missing: name of the axis.
+        """
+        return ""
+
     def file_text(self, path: Path) -> str:
         """Return the text of a file, or raise InputError where it cannot be read."""
         try:

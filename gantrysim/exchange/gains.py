@@ -178,7 +178,9 @@ def read_gains(
     missing = [axis.name for axis, words in zip(axis_servos, words_by_axis, strict=True) if not words]
     if missing:
         names = ", ".join(word.name for word in chosen.words(axis_servos[0]))
-        raise InputError(f"{label}: has none of {names} for axis {', '.join(missing)}, in the parameters of {name}")
+        why = _reasons_without(chosen, text, axis_servos, missing)
+        listed = ", ".join(missing)
+        raise InputError(f"{label}: has none of {names} for axis {listed}, in the parameters of {name}{why}")
     gains = [chosen.gains(words, axis) for words, axis in zip(words_by_axis, axis_servos, strict=True)]
     values: dict[str, Any] = {gain: tuple(axis_gains.get(gain, 0.0) for axis_gains in gains) for gain in GAIN_NAMES}
     # of a dialect with parameters for the loop in the drive
@@ -194,6 +196,16 @@ def read_gains(
     if unstated:
         remarks.append(f"no parameter of {chosen.name} states {unstated}: kept from the job's servo")
     return read, remarks
+
+
+def reasons_without_gains(name: str, text: str, axes: Sequence[Axis], servo: Servo) -> str:
+    """Return why axes have no gains in a text, in words that each follow a semicolon; empty where nothing tells."""
+    return _reasons_without(dialect(name), text, AxisServo.of(axes, servo), [axis.name for axis in axes])
+
+
+def _reasons_without(chosen: Dialect, text: str, axes: Sequence[AxisServo], missing: Sequence[str]) -> str:
+    reasons = dict.fromkeys(chosen.reason_without(text, axes, axis) for axis in missing)
+    return "".join(f"; {reason}" for reason in reasons if reason)
 
 
 def has_gains(name: str, text: str, axes: Sequence[Axis], servo: Servo) -> bool:

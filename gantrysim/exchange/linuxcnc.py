@@ -338,6 +338,17 @@ class LinuxCNCIni(LinuxCNC):
             )
         return remarks
 
+    def reason_without(self, text: str, axes: Sequence[AxisServo], missing: str) -> str:
+        ini = IniFile.of(text)
+        names = [axis.name for axis in axes]
+        section = ini.section_of(missing, names.index(missing), names)
+        if section is None:
+            return f"no section is the joint of {missing}"
+        steps = [key for key in ini.sections[section] if key.startswith("STEPGEN_")]
+        if not steps:
+            return ""
+        return f"[{section}] is a drive that takes steps ({steps[0]}): a P there is the step generator's own"
+
     @staticmethod
     def _words_of_joint(ini: IniFile, section: str | None, axis: AxisServo) -> dict[str, float]:
         """Return the parameters of a joint's section, in mm or deg."""

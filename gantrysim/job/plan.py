@@ -122,6 +122,7 @@ class Plan:
         travel: positions of each axis, by its name [mm or deg].
         speeds: largest speed of each axis, by its name [mm/s or deg/s].
         units: unit of each axis, by its name.
+        dryness: why no glue is laid, in words, if none is.
     """
 
     machine: str
@@ -141,6 +142,7 @@ class Plan:
     travel: dict[str, Extent]
     speeds: dict[str, Extent]
     units: dict[str, str]
+    dryness: str
 
 
 def plan_of(
@@ -181,6 +183,7 @@ def plan_of(
             axis.name: Extent(0.0, float(sums.steps[a]) / setpoints.period, (0.0, axis.speed_limit)) for a, axis in axes
         },
         units={axis.name: axis.unit for axis in machine.axes},
+        dryness=controller.dryness,
     )
 
 
@@ -271,10 +274,7 @@ def glue_note(plan: Plan) -> str | None:
     """Return a note where a program lays no glue at all; None where it lays some."""
     if plan.glue > 0 or plan.standing_time > 0:
         return None
-    return (
-        "no glue is laid: the program has no moves at feed but those straight up or down, or nothing in it switches "
-        "the valve on, by the keys of [program.dispense] and those of its controller"
-    )
+    return f"no glue is laid: {plan.dryness}"
 
 
 def speed_note(plan: Plan, speed: float) -> str | None:

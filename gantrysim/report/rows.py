@@ -43,14 +43,16 @@ def between(quantity: Quantity[Any], values: Range) -> str:
 def motion_rows(analysis: Analysis) -> Iterator[RowTexts]:
     """Yield spacing of the turns, speed and length of the path."""
     values = analysis.values
-    until = "" if analysis.run.fault is None else ", until the fault"
+    duration = DURATION.text(values.duration)
+    # the nozzle's way to the fault is another one, as where an axis is stuck
+    remark_of_length = f"in {duration}" if analysis.run.fault is None else f"commanded in {duration}, until the fault"
     if values.spacing is not None:
         spacing = analysis.run.requested.turn_spacing
         requested = "" if spacing is None else f"requested {REQUESTED_SPACING.number(spacing)}, "
         remark = f"{requested}std {SPACING.number(values.spacing.std)}, {between(SPACING, values.spacing)}"
         yield SPACING.label, SPACING.text(values.spacing.mean), remark
     yield SPEED.label, SPEED.text(values.speed.mean), between(SPEED, values.speed)
-    yield PATH_LENGTH.label, PATH_LENGTH.text(values.path_length), f"in {DURATION.text(values.duration)}{until}"
+    yield PATH_LENGTH.label, PATH_LENGTH.text(values.path_length), remark_of_length
 
 
 def bead_rows(bead: BeadValues) -> Iterator[RowTexts]:

@@ -520,6 +520,22 @@ def test_a_wrong_scale_and_a_wrong_clock_are_named(run):
         notes(time, encoder * (1.03, 1.0))
 
 
+@pytest.mark.parametrize("what", [("path", "offset", "rotation"), ("time", "offset", "rotation")])
+@pytest.mark.parametrize(("scale", "clock"), [(1.002, 0.0), (1.0, 9e-4), (0.995, 0.0), (1.002, -4e-4)])
+def test_offsets_and_turn_hold_nothing_of_a_scale_or_a_clock(run, scale, clock, what):
+    """Of a part of the path, over which an offset and a turn take up much of both; what was done to it is known."""
+    time, nozzle = logged(run, "nozzle", 1000.0, 0.3, 5.0, noise=1e-3)
+    part = slice(0, int(0.55 * len(time)))
+    middle = float(nozzle[part, 0].mean())
+    wrong = nozzle[part] + (scale - 1) * np.column_stack([nozzle[part, 0] - middle, np.zeros((len(time[part]), 2))])
+    trace = Trace((1 + clock) * time[part], {}, wrong)
+    found = Comparison.of(trace, run, MACHINE, what).alignment
+    # of the noise 0.1 µm is left, and of a scale that is off by a thousandth of itself 1e-3 x 5e-3 x 50 mm
+    assert found.offsets["nozzle"] == pytest.approx([5.0, 5.0, 5.0], abs=4e-4)
+    assert found.rotation == pytest.approx(0.0, abs=1e-3)
+    assert found.shift == pytest.approx(0.3 + clock * np.mean(time[part]), abs=5e-4 * abs(clock / 1e-4) + 2e-5)
+
+
 @pytest.mark.soak
 def test_inches_are_named(run):
     """So far from the run that its axes are tried in every order, too."""

@@ -3,6 +3,7 @@
 import pytest
 
 from gantrysim.controllers.fanuc import Program
+from gantrysim.controllers.valve import Dispense
 
 MOVES = "G01 X10 F600\nX20\nX20 Y50\nX80\n"
 SMOOTH = {"acceleration": 2000.0, "blend_time": 0.05}
@@ -60,3 +61,37 @@ def test_g64_that_stops_at_every_piece_while_the_look_ahead_is_off():
     assert notes(text.replace("G05.1 Q0", "G61"), **SMOOTH) == ()
     stops = Program(text, **SMOOTH).duration
     assert stops - Program(text.replace("G05.1 Q0\n", ""), **SMOOTH).duration > 3 * 0.05
+
+
+PART = """O0001
+G21 G90 G17 G40 G80
+T1 M06
+G54 G43 H1 Z10. M08
+S3000 M03
+G00 X0 Y0
+G01 X30. F600
+M00
+M05
+M09
+G49 G00 X0
+M30"""
+
+
+def test_words_without_an_effect_are_counted():
+    """Every word of the text that neither moves an axis nor switches the valve, which is M08's, counted by hand."""
+    _, of_words = notes(PART)
+    assert of_words == ("Words without an effect on the path: G43 (1), H (1), M0 (1), M3 (1), M5 (1), M6 (1), T (1).")
+    by_spindle = notes(PART, dispense=Dispense(on=("M03",), off=("M05",)))
+    assert by_spindle == (
+        "Words without an effect on the path: G43 (1), H (1), M0 (1), M6 (1), M8 (1), M9 (1), T (1).",
+    )
+
+
+def test_words_that_do_what_they_say_are_not_counted():
+    assert notes("O1\nG90 G49 G80 G94\nM98 P2\nM30\nO2\nG01 X5 F60\nG28 X0\nM99") == ()
+
+
+@pytest.mark.parametrize("block", ["G28 X0 T2", "G04 X0.5 T2", "G92 X0 T2"])
+def test_a_tool_may_be_named_beside_any_action(block):
+    """T selects a tool in the magazine while the axes do something else."""
+    assert notes(f"G01 X5 F60\n{block}") == ("Words without an effect on the path: T (1).",)

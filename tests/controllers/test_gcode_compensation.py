@@ -189,8 +189,9 @@ def test_a_tool_of_unknown_diameter_follows_the_programmed_path():
     assert not any("diameter" in note for note in plain.notes)
 
 
-def test_d_without_compensation_and_a_negative_diameter():
-    assert Program(text="T1 M6 D1\nG0 X1").program.moves[0, END] == 1
+def test_d_is_the_diameter_of_compensation_alone_and_may_be_negative():
+    with pytest.raises(InputError, match="line 1: D1: is not used in this block"):
+        Program(text="T1 M6 D1\nG0 X1").setpoints(1e-3)
     right = Program(text="F9\nG0 X-9\nG42.1 D4\nG1 X0\nX20\nY20\nG40 X40").program.moves
     left = Program(text="F9\nG0 X-9\nG41.1 D-4\nG1 X0\nX20\nY20\nG40 X40").program.moves
     np.testing.assert_array_equal(left, right)

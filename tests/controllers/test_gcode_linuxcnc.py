@@ -166,7 +166,7 @@ def test_an_inverse_time_feed_is_the_time_of_an_arc_wherever_it_lies(start):
         ("F1 G81 X1 Z-1", "line 1: G81 without R: must have Z, R"),
         ("F1 G81 X1 Z2 R1", "line 1: G81: R at Z = 1 mm must not be below the depth, 2 mm"),
         ("F1 G83 X1 Z-1 R1 Q0", "line 1: Q = 0 mm: must be above 0"),
-        ("F1 G81 X1 Z-1 R1\nG80\nX2", "line 3: axis words after G80"),
+        ("F1 G81 X1 Z-1 R1\nG80\nX2", "line 3: axis words while no motion is in force"),
         ("G38.2 X1 F1", "line 1: G38.2: probing"),
         ("G33 Z1 K1", "line 1: G33: motion synchronised"),
         ("G76", "line 1: G76: milling cycle"),

@@ -268,6 +268,9 @@ def test_comments_and_continued_lines():
         ("sub A\nprint 1\nend sub\ndim a as long\na = One + b\nfunction One as long\nOne = 1\nend function",
             "line 5: unknown name 'b': must be declared by DIM, or be a property"),
         ("recordon", "line 1: no record is open: RECORD must come first"),
+        ("recordoff", "line 1: no record is open: RECORD must come first"),
+        ("record a.rec 10 recdata = pcmd{1}\nrecordon\nrecordclose\nrecordoff",
+            "line 4: no record is open: RECORD must come first"),
         ("record a.rec 10 gap = 1", "line 1: RecData is missing: must follow with expressions, as in "
             "RecData = pcmd{1}, sys.clock"),
         ("record a.rec 10 recdata = foo", "line 1: unknown expression of RecData 'foo': known: pcmd, pe, pfb, "

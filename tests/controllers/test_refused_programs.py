@@ -91,6 +91,8 @@ def test_linuxcnc(text, message):
 
 FANUC = {
     "G53 G02 X1 I1 F60": "alarm 010 IMPROPER G-CODE in block 1 (line 1): G53 must be with G00 or G01",
+    "G91 G53 X1": "alarm 010 IMPROPER G-CODE in block 1 (line 1): G53 in G91: must be in G90, as the controller "
+    "ignores it in G91",
     "#1 3": "alarm 114 FORMAT ERROR IN MACRO in block 1 (line 1): '': an assignment must have = after the variable",
     "#1=[1/0]": "alarm 114 FORMAT ERROR IN MACRO in block 1 (line 1): 1 / 0: the divisor must not be 0",
 }

@@ -259,3 +259,40 @@ def test_a_pin_of_printers_firmware_switches_the_valve():
     program = slicer.Program(text=text).program
     assert program.glue[program.moves[:, KIND] == LINE].tolist() == [False, True, False]
     assert "M42 P4 S255 opens the valve and M42 P4 S0 closes it" in program.valve.note
+
+
+@pytest.mark.parametrize("named", ["M03", "m3", "M3"])
+@pytest.mark.parametrize("program", [linuxcnc_program, fanuc_program])
+def test_a_code_that_switches_the_valve_is_no_word_without_an_effect(program, named):
+    """However the job writes it."""
+    text = "G1 X1 F60\nM3\nG1 X5\nM5\nG1 X9"
+    notes = program(text, dispense=Dispense(on=(named,), off=("M05",))).notes
+    assert not any("without an effect" in note for note in notes)
+    notes = program(text, dispense=Dispense(on=("M8",), off=("M9",))).notes
+    assert any(note == "Words without an effect on the path: M3 (1), M5 (1)." for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "dispense", "reason"),
+    [
+        ("G0 X20\nG0 Y20", {}, "the program has no moves at feed but those straight up or down"),
+        ("G0 X20\nM5", {}, "the program has no moves at feed but those straight up or down"),
+        (
+            "M3\nG0 X20\nM5\nG1 X40 F600",
+            {},
+            "M3 opens the valve in no move at feed but those straight up or down, and in no dwell at the work",
+        ),
+        (
+            "G1 X20 F600\nM3\nM5",
+            {},
+            "M3 opens the valve in no move at feed but those straight up or down, and in no dwell at the work",
+        ),
+        ("G1 X20 F600\nM3\nM5\nM2", {"by": "codes"}, "M3 opens the valve in no move and no dwell"),
+        ("M3\nG1 X20 F600\nM5", {"on": ["M8"]}, "no code of the program opens the valve (program.dispense)"),
+    ],
+)
+@pytest.mark.parametrize("program", [linuxcnc_program, fanuc_program])
+def test_why_a_program_lays_no_glue(program, text, dispense, reason):
+    dry = program(text, dispense=Dispense(**{key: tuple(v) if key == "on" else v for key, v in dispense.items()}))
+    assert not dry.setpoints(PERIOD).dispense.any()
+    assert dry.dryness == reason

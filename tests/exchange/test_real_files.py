@@ -154,9 +154,17 @@ def test_drives_that_take_steps_or_positions_get_scale_and_limits():
 def test_an_axis_without_a_joint_and_a_joint_that_turns_are_refused(xy, servos):
     without = MILL.replace("Y X A", "X Z A")
     with pytest.raises(
-        InputError, match=r"has none of P, I, D, FF1, FF2 for axis y, in the parameters of linuxcnc-ini"
+        InputError,
+        match=r"has none of P, .* for axis y, in the parameters of linuxcnc-ini; no section is the joint of y$",
     ):
         import_gains("linuxcnc-ini", without, xy.axes, servos["torque"])
+    steps = MILL.replace("[JOINT_0]\n", "[JOINT_0]\nSTEPGEN_MAXACCEL = 900\n")
+    with pytest.raises(
+        InputError,
+        match=r"for axis y, in the parameters of linuxcnc-ini; \[JOINT_0\] is a drive that takes steps "
+        r"\(STEPGEN_MAXACCEL\): a P there is the step generator's own$",
+    ):
+        import_gains("linuxcnc-ini", steps, xy.axes, servos["torque"])
     for value in ("nan", "1e999", "[JOINT_1]P"):
         with pytest.raises(InputError, match=r"\[JOINT_0\] P = .*: must be a finite number"):
             import_gains("linuxcnc-ini", MILL.replace("P = 40", f"P = {value}"), xy.axes, servos["torque"])

@@ -19,6 +19,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
 from gantrysim.report.page import write_run_page
 from gantrysim.report.plots.budget import draw_budget
+from gantrysim.report.rows import motion_rows
 from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults
 
@@ -60,6 +61,19 @@ class Shown:
         self.links = cells(links_table("an225", self.machine, self.drawn))
         self.caption = links_table("an225", self.machine, self.drawn).caption
         self.outcome = cells(outcome_table(self.bead.analysis, self.glue, self.margins))
+
+
+@pytest.fixture
+def run_to_fault(tmp_path):
+    """Analysis of a run whose x seizes half a second after its begin, and whose command goes on until the limit."""
+    file = tmp_path / "line.toml"
+    file.write_text(
+        'name = "line"\nmachine = "xy"\n[program]\ncontroller = "linuxcnc.Program"\ntext = "G1 X40 F1200"\n'
+        '[dispenser]\narea = 1.0\n[[faults]]\nkind = "stuck axis"\naxis = "x"\ntime = 0.5\n',
+        encoding="utf-8",
+    )
+    job = Job.load(file)
+    return Analysis(job.run())
 
 
 @pytest.fixture(scope="module")
@@ -177,6 +191,16 @@ def test_speed_spacing_and_errors(shown):
     assert told["path speed"] == [f"{speed.mean:.1f} mm/s", f"{speed.min:.1f} to {speed.max:.1f}"]
     assert told["path length"] == [f"{values.path_length:.1f} mm", f"in {values.duration:.2f} s"]
     assert told["end point"] == ["", "x {:.3f}, y {:.3f}, z {:.3f} mm".format(*values.end_point)]
+
+
+def test_a_path_length_until_a_fault_is_that_of_the_command(run_to_fault):
+    """A stuck axis stands while its command goes on: 20 mm/s for the time to the fault."""
+    told = {name: (value, remark) for name, value, remark in motion_rows(run_to_fault)}
+    length, remark = told["path length"]
+    run = run_to_fault.run
+    assert remark == f"commanded in {run.time[-1]:.2f} s, until the fault"
+    assert float(length.removesuffix(" mm")) == pytest.approx(20 * run.time[-1], abs=1.0)
+    assert np.ptp(run.nozzle[:, 0]) < 12.0
 
 
 def test_stability_and_torque_ripple(shown):

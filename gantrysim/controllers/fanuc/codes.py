@@ -208,11 +208,13 @@ def g42(state: ModalState, words: Words) -> None:
 @setting
 def g43(state: ModalState, words: Words) -> None:
     """Tool length, without an effect: the path is that of the nozzle's tip."""
+    state.ignored["G43"] += 1
 
 
 @setting
 def g44(state: ModalState, words: Words) -> None:
     """Negative tool length, without an effect: the path is that of the nozzle's tip."""
+    state.ignored["G44"] += 1
 
 
 @setting

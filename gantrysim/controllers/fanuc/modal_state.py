@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -125,6 +126,7 @@ class ModalState:
         spindle: S.
         outputs: that M codes switch.
         zero_height: whether the block's arc has a height per turn of 0, as K0 in G17.
+        ignored: words without an effect on the path, and how often they were met.
     """
 
     here: list[float]
@@ -153,6 +155,7 @@ class ModalState:
     spindle: float = 0.0
     outputs: Outputs = field(default_factory=lambda: Outputs(Dispense()))
     zero_height: bool = False
+    ignored: Counter[str] = field(default_factory=Counter)
 
     @property
     def idle(self) -> bool:

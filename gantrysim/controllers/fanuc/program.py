@@ -345,7 +345,16 @@ class Program(Controller):
         if not self.flow_output:
             spindle = {leg.source.flow for leg in legs if leg.dispense}
             of_valve += unused_set_points({"S": spindle, **self._motions.outputs}, valve)
+        counted = sorted(self._motions.ignored.items())
+        words = ", ".join(f"{word} ({count})" for word, count in counted if word not in valve.switching_codes)
+        if words:
+            of_valve.append(f"Words without an effect on the path: {words}.")
         return (*of_valve, *notes)
+
+    @property
+    def dryness(self) -> str:
+        _, valve = self._valve_motions
+        return super().dryness if valve is None else valve.dryness
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         """As the feed override on the operator's panel does: every F, and the feed of the dry run."""

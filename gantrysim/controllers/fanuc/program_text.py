@@ -59,11 +59,13 @@ class ProgramMotions(NamedTuple):
         blocks: the motions.
         called_files: names of the files of subprograms that were called.
         outputs: numbers that the interface put out, by their variables.
+        ignored: words without an effect on the path, and how often they were met.
     """
 
     blocks: tuple[SourceBlock, ...]
     called_files: frozenset[str]
     outputs: Mapping[str, Set[float]]
+    ignored: Mapping[str, int]
 
 
 def read(source: ProgramSource, state: ModalState, flow_output: str = "") -> ProgramMotions:
@@ -102,7 +104,7 @@ def read(source: ProgramSource, state: ModalState, flow_output: str = "") -> Pro
             )
             for block in motions
         )
-    return ProgramMotions(tuple(blocks), sequence.called_files, outputs)
+    return ProgramMotions(tuple(blocks), sequence.called_files, outputs, state.ignored)
 
 
 def _halted_motion(source: SourceBlock) -> SourceBlock:
@@ -118,7 +120,10 @@ def _run(state: ModalState, words: Words, variables: Parameters) -> list[Block]:
         state.outputs.set_line(f"#{number}", opens=variables.numbered(number) != 0)
     _set_modes(state, words)
     values = words.values
-    values.pop("H", None)  # of the tool length
+    # of the tool length, and of the tool
+    for letter in "HT":
+        if values.pop(letter, None) is not None:
+            state.ignored[letter] += 1
     actions = [name for name in words.g_names if name in ACTIONS]
     if actions:
         # a dwell yields to any other action, and that to one before it
@@ -131,9 +136,8 @@ def _run(state: ModalState, words: Words, variables: Parameters) -> list[Block]:
         state.feed = values.pop("F") * state.unit
         if state.feed <= 0:
             raise words.fail(11, f"F = {state.feed:g}: must be greater than 0")
-    # of the spindle and the tool
-    for letter in "ST":
-        values.pop(letter, None)
+    # of the spindle
+    values.pop("S", None)
     if not values.keys() & {*ENDS, *CENTRES, "Q", "L", "R", *CORNERS, state.rotary}:
         if values:
             raise words.fail(9, f"address {next(iter(values))} is not used in this block")
@@ -160,6 +164,7 @@ def _set_modes(state: ModalState, words: Words) -> None:
         state.offset = float(state.offsets.get(state.offset_number, 0.0))
     state.spindle = words.values.get("S", state.spindle)
     codes = [int(code) for code in words.auxiliary]
+    state.ignored.update(f"M{code}" for code in codes if code not in _ENDS_OR_CALLS)
     if codes or "S" in words.values:
         state.outputs.switch(codes, words.values.get("P"), words.values.get("S"))
         if not NUMBERED.isdisjoint(codes):
@@ -179,6 +184,8 @@ def _motion(state: ModalState, words: Words) -> Block:
     if state.in_machine:
         if state.motion not in ("G00", "G01"):
             raise words.fail(10, "G53 must be with G00 or G01")
+        if not state.absolute:
+            raise words.fail(10, "G53 in G91: must be in G90, as the controller ignores it in G91")
         end = coordinates
     else:
         end = state.ends(coordinates)

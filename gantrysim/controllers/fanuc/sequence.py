@@ -29,7 +29,9 @@ from gantrysim.controllers.macro.variables import LocalParameters, Numbering, Pa
 
 # Blocks of letters with variables and expressions.
 
-GRAMMAR = Grammar(OPERATORS, {**FUNCTIONS, "FIX": rounded_to_zero, "FUP": rounded_from_zero}, shortened=True)
+GRAMMAR = Grammar(
+    OPERATORS, {**FUNCTIONS, "FIX": rounded_to_zero, "FUP": rounded_from_zero}, one_tangent=True, shortened=True
+)
 _ARGUMENT_LETTERS = "EUVW"  # which only a call has, for its arguments
 _VARIABLE = re.compile(r"#([0-9]+)")
 

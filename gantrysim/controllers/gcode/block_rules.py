@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.codes import Code, Kind
@@ -12,7 +12,7 @@ from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 _M_GROUPS = {
     "stops": (0, 1, 2, 30, 60),
-    "the spindle": (3, 4, 5, 19),
+    "the spindle and saved modes": (3, 4, 5, 19, 70, 71, 72, 73),
     "the tool": (6, 61),
     "coolant": (7, 8, 9),
     "overrides": tuple(range(48, 54)),
@@ -20,11 +20,15 @@ _M_GROUPS = {
 }
 _GROUP_OF = {f"M{number}": group for group, numbers in _M_GROUPS.items() for number in numbers}
 
-# Codes that are no motion, but use the axis words of their block; the first two need some.
+# Codes that are no motion, but use the axis words of their block.
 
 SHIFTS = frozenset({"G52", "G92"})
 _AXIS_USERS = SHIFTS | {"G10", "G28", "G30"}
-_AXES = frozenset("XYZABCUVW")
+_AXES = frozenset("XYZABCUVW@^")
+
+# Codes that are refused without an axis word: shifts, splines and canned cycles.
+
+NEEDING_AXES = SHIFTS | {"G5", "G5.1", "G73", "G74", *(f"G{number}" for number in (*range(81, 87), 89))}
 
 # Codes that cutter compensation allows: all else would change what the offset path refers to.
 
@@ -33,7 +37,7 @@ _COMPENSATED_ACTIONS = {"G4", "G10", "G28.1", "G30.1"}
 _ORIGIN_GROUPS = {"tool length", "coordinate system", "shift", "machine coordinates"}
 
 
-def check_block(names: Iterable[str], block: WordBlock, table: Mapping[str, Code]) -> None:
+def check_block(names: Collection[str], block: WordBlock, table: Mapping[str, Code]) -> None:
     """Check that the codes of a block go together.
 
     Args:
@@ -62,8 +66,11 @@ def check_block(names: Iterable[str], block: WordBlock, table: Mapping[str, Code
             raise InputError(f"{both}: are of one modal group ({group}), must be in two blocks")
     if motion and user:
         raise InputError(f"{user} and {motion} in one block: both use its axis words, must be in two blocks")
-    if user in SHIFTS and _AXES.isdisjoint(block.values):
-        raise InputError(f"{user}: must have a word of an axis")
+    for name in names:
+        if name in NEEDING_AXES and _AXES.isdisjoint(block.values):
+            raise InputError(f"{name}: must have a word of an axis")
+    if motion in ("G2", "G3") and "G4" in names:
+        raise InputError(f"G4 and {motion} in one block: both use its P, must be in two blocks")
 
 
 def check_inverse_time(code: Code) -> None:

@@ -41,7 +41,7 @@ class GCodeDialect:
     lenient: bool = False
 
 
-LINUXCNC = GCodeDialect(name="LinuxCNC", letters="STD$", dwell=(("P", 1.0),))
+LINUXCNC = GCodeDialect(name="LinuxCNC", letters="ST$", dwell=(("P", 1.0),))
 # firmware takes P of a dwell in milliseconds, S in seconds
 SLICER = GCodeDialect(name="slicer", letters="STDHBCUVW", dwell=(("P", 1e-3), ("S", 1.0)), extrudes=True, lenient=True)
 

@@ -443,6 +443,10 @@ class GCode(Controller):
             )
         return (*notes, *self._flow)
 
+    @property
+    def dryness(self) -> str:
+        return self.program.valve.dryness
+
     @cached_property
     def _slowed(self) -> str | None:
         """A note on what the largest speeds of the axes cost; None where they cost nothing."""

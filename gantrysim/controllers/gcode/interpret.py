@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import AxisError, InputError, at_least
-from gantrysim.controllers.gcode.block_rules import SHIFTS, check_block, check_compensation, check_inverse_time
+from gantrysim.controllers.gcode.block_rules import NEEDING_AXES, check_block, check_compensation, check_inverse_time
 from gantrysim.controllers.gcode.codes import CODES, Code, Kind
 from gantrysim.controllers.gcode.extruder import PressureAdvance
 from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
@@ -83,8 +83,8 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
     flow.lines.clear()
     table = moves.table
     valve = valve_of(table, start, state.outputs, setup.upward)
-    for code in (*valve.on, *valve.off):
-        state.ignored.pop(code.split()[0], None)
+    for code in valve.switching_codes:
+        state.ignored.pop(code, None)
     return Interpreted(
         start=start,
         moves=table,
@@ -193,7 +193,7 @@ class Interpreter:
         codes: list[str] = []
         auxiliary: list[int] = []
         block = self._sort_words(line, codes, auxiliary)
-        if (len(codes) + len(auxiliary) > 1 or not SHIFTS.isdisjoint(codes)) and not self._dialect.lenient:
+        if (len(codes) + len(auxiliary) > 1 or not NEEDING_AXES.isdisjoint(codes)) and not self._dialect.lenient:
             check_block([*codes, *(f"M{number}" for number in auxiliary)], block, self._codes)
         if "T" in block.values and not self._dialect.extrudes:
             self._state.tools.selected = tool_number("T", block.values["T"])
@@ -368,6 +368,8 @@ class Interpreter:
         self._state.ignored[name] += 1
         if self._dialect.lenient:
             block.values.clear()
+        elif code is not None:
+            block.drop(code.takes)
 
     def _move(self, block: WordBlock, has_feed: bool) -> None:
         """Run the motion in force with the words of a block, which has an F or not."""
@@ -387,6 +389,8 @@ class Interpreter:
         check_compensation(state, code)
         if block.in_machine and not code.straight:
             raise InputError("G53: must be with G0 or G1")
+        if block.in_machine and not (state.frames.absolute or self._dialect.lenient):
+            raise InputError("G53 in G91: must be in G90")
         assert code.handler is not None
         code.handler(state, block)
 

@@ -316,7 +316,8 @@ class ProgramState:
         if setup.dialect.extrudes:
             # printers merge no lines
             self.modes.naive = 0.0
-        self.motion = "G1" if setup.dialect.extrudes else "G0"
+        # LinuxCNC begins without a motion
+        self.motion = "G1" if setup.dialect.extrudes else "G80"
         self.outputs = Outputs(setup.dispense, has_pins=setup.dialect.extrudes)
         self.flow_value = 0.0
         self.unused_set_points: dict[str, set[float]] = {}

@@ -127,7 +127,8 @@ class Grammar:
     Attributes:
         operators: between two values, by their spelling.
         functions: of one value in brackets, by their spelling.
-        arc_tangent: name of the function of a ratio, NAME[y]/[x] or NAME[y] [deg].
+        arc_tangent: name of the function of a ratio, NAME[y]/[x] [deg].
+        one_tangent: whether NAME[y] alone is that of y.
         existence: name of the function that is 1 for a parameter that was set, else 0.
         shortened: whether the first two letters of a word stand for it, as RO for ROUND.
     """
@@ -135,6 +136,7 @@ class Grammar:
     operators: Mapping[str, BinaryOperator]
     functions: Mapping[str, Function]
     arc_tangent: str = "ATAN"
+    one_tangent: bool = False
     existence: str = "EXISTS"
     shortened: bool = False
 
@@ -303,8 +305,8 @@ class Scanner:
 
     def _arc_tangent(self, name: str, ordinate: Value) -> Value:
         if not self.take("/["):
-            if self.take("/"):
-                raise InputError(f"{name}[y]/: must be followed by [x]")
+            if self.take("/") or not self._grammar.one_tangent:
+                raise InputError(f"{name}[y]: must be followed by /[x]")
             return lambda parameters: math.degrees(math.atan(ordinate(parameters)))
         abscissa = self._close_bracket()
         return lambda parameters: math.degrees(math.atan2(ordinate(parameters), abscissa(parameters)))

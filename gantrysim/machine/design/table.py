@@ -387,8 +387,9 @@ def read_table(file: Path) -> MachineTable:
         InputError: a file that cannot be read, or a key that is unknown, missing or out of its bounds.
     """
     label = f"machine {file}"
+    content = read_toml(file, label)
     try:
-        return MachineTable.model_validate(read_toml(file, label))
+        return MachineTable.model_validate(content)
     except ValidationError as error:
         known = field_names(MachineTable)
-        raise InputError(f"{label}: {one_line(error, known, located=True)}") from None
+        raise InputError(f"{label}: {one_line(error, known, content=content, located=True)}") from None

@@ -175,7 +175,7 @@ def g95(state: ProgramState, block: WordBlock) -> None:
     state.modes.feed_mode = "G95"
 
 
-@without_effect((LINUXCNC,))
+@without_effect((LINUXCNC,), takes="D")
 def g96(state: ProgramState, block: WordBlock) -> None:
     """Spindle at a constant surface speed."""
 

@@ -315,7 +315,9 @@ def g89(state: ProgramState, block: WordBlock) -> None:
 @motion(dialects=_LINUXCNC)
 def g80(state: ProgramState, block: WordBlock) -> None:
     """No cycle, and no motion until the next code of one."""
-    raise InputError("axis words after G80: must follow a code of motion, as G0 or G1")
+    raise InputError(
+        "axis words while no motion is in force, as at the start and after G80: must follow its code, as G0 or G1"
+    )
 
 
 @setting("retraction", _LINUXCNC)

@@ -284,11 +284,9 @@ def cmd_recordon(tree: Node) -> Action:
     """RECORDON: samples from now on."""
 
     def act(scope: RoutineFrame) -> None:
-        records = scope.execution.records
-        if not records or records[-1].closed:
-            raise SoftMCError("no record is open: RECORD must come first")
-        if not records[-1].running:
-            records[-1].spans.append((scope.execution.mark(), None))
+        record = _open_record(scope)
+        if not record.running:
+            record.spans.append((scope.execution.mark(), None))
 
     return act
 
@@ -296,7 +294,18 @@ def cmd_recordon(tree: Node) -> Action:
 @command("_RECORDOFF")
 def cmd_recordoff(tree: Node) -> Action:
     """RECORDOFF: no samples from now on."""
-    return _stop_record
+
+    def act(scope: RoutineFrame) -> None:
+        _open_record(scope).stop(scope.execution.mark())
+
+    return act
+
+
+def _open_record(scope: RoutineFrame) -> Recording:
+    records = scope.execution.records
+    if not records or records[-1].closed:
+        raise SoftMCError("no record is open: RECORD must come first")
+    return records[-1]
 
 
 @command("_RECORDCLOSE")
@@ -304,14 +313,10 @@ def cmd_recordclose(tree: Node) -> Action:
     """RECORDCLOSE: the end of the record."""
 
     def act(scope: RoutineFrame) -> None:
-        _stop_record(scope)
+        # a program may close at its begin what one before it has left open
         if scope.execution.records:
-            scope.execution.records[-1].closed = True
+            record = scope.execution.records[-1]
+            record.stop(scope.execution.mark())
+            record.closed = True
 
     return act
-
-
-def _stop_record(scope: RoutineFrame) -> None:
-    execution = scope.execution
-    if execution.records:
-        execution.records[-1].stop(execution.mark())
