@@ -107,6 +107,7 @@ def trends():
     halved = [Convergence.of(x[::-1], values) for values in (5.0 + x[::-1], 5.0 + x[::-1] ** 2, errors)]
     return {
         "crossing": [crossing(x, errors, level) for level in (5.05, 8.0, 60.0, 1.0)],
+        "only touched": crossing(x, [1.0, 2.0, 1.0, 2.0, 2.0], 2.0),
         "knee": [knee(x, errors, floor) for floor in (5.0, 2.0, 100.0)],
         "power": [power(x, 3.0 * x**2), power(x, errors)],
         "convergence": [[each.order, each.limit, each.deviation] for each in halved],
