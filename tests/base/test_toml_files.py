@@ -42,3 +42,12 @@ def test_an_unknown_key_is_told_what_it_means_or_where_all_are_listed():
     assert "see the list" not in line_of({"speed": "fast"}, names, "see the list")
     assert line_of({"sped": 1.0}, names, "see the list") == "unknown key sped: did you mean speed or size? see the list"
     assert line_of({"zzz": 1.0}, names, "see the list").endswith("; see the list")
+
+
+@pytest.mark.parametrize("count", [20, 21])
+def test_up_to_twenty_keys_are_listed_where_another_place_lists_them_too(count):
+    names = [f"key{k:02}" for k in range(count)]
+    listed = f": known: {', '.join(names)}"
+    assert line_of({"zzz": 1.0}, names) == f"unknown key zzz{listed}"
+    beside = line_of({"zzz": 1.0}, names, "see the list")
+    assert beside == f"unknown key zzz{listed if count == 20 else ''}; see the list"

@@ -112,11 +112,15 @@ def test_a_progress_bar_never_runs_backwards(monkeypatch):
     shares = []
 
     class Bars:
-        def add_task(self, *_, **__):
+        total = None
+
+        def add_task(self, *_, total, **__):
+            self.total = total
             return 0
 
-        def update(self, bar, *, completed, **_):
-            shares.append(completed)
+        def update(self, bar, *, completed, total=None, **_):
+            self.total = total or self.total
+            shares.append(completed / self.total)
 
         def __enter__(self):
             return self

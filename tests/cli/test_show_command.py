@@ -39,6 +39,17 @@ def test_without_an_aspect_the_answer_is_shown(show, saved):
     assert " ".join(summary["spoilt"]) in " ".join(printed.split())
 
 
+def test_the_page_of_a_run_is_named_where_there_is_one(show, saved, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    folder = tmp_path / "out"
+    shutil.copytree(saved, folder)
+    page = folder / "report.html"
+    page.unlink(missing_ok=True)
+    without = show(folder)[1]
+    page.write_text("a page")
+    assert show(folder)[1] == f"{without}{page}\n"
+
+
 @pytest.mark.parametrize(
     ("aspect", "words"),
     [

@@ -222,6 +222,11 @@ def test_paths_part_where_they_part():
     # the arc of 10 mm radius leaves the line by SAME_PLACE after sqrt(2 * 10 * 0.001) mm
     assert parting.s == pytest.approx(30.0 + math.sqrt(0.02), abs=0.25)
     assert parting.point == pytest.approx((parting.s, 0.0, 0.0))
+    # within 0.2 mm on a long path, and a 500th of a short one
+    for length, within in ((1990.0, 0.2), (3.0, 0.006)):
+        whole = ArcChain((0.0, 0.0), 0.0, [0.0], [length])
+        corner = ArcChain((0.0, 0.0), 0.0, [0.0, 1e3], [0.7131 * length, 1e-3 * math.pi / 2])
+        assert 0 <= corner.length - parting_of(whole, corner, 1).s <= within + 1.6e-3
     assert parting_of(straight, ArcChain((0.0, 0.0), 0.0, [0.0], [40.0]), 1).s == 40.0
     assert parting_of(straight, ArcChain((0.0, 0.0), 0.0, [0.0, 0.0], [20.0, 30.0]), 1) is None
     # nowhere the same

@@ -212,6 +212,21 @@ def test_firmware_retracts_and_recovers_once():
     assert dwells == pytest.approx([2 / 30, 2.5 / 10])
 
 
+@pytest.mark.parametrize(
+    ("settings", "dwells"),
+    [
+        ("M207 S2", [2 / 10, 2 / 10]),
+        ("M207 S2 F1800", [2 / 30, 2 / 10]),
+        ("M207 S2\nM208 F1200", [2 / 10, 2 / 20]),
+        ("SET_RETRACTION RETRACT_LENGTH=2", [2 / 10, 2 / 10]),
+    ],
+)
+def test_retraction_without_a_speed_has_that_of_the_feed_and_nothing_extra(settings, dwells):
+    text = f"{settings}\nM83\nG1 X1 E1 F600\nG10\nG0 X5\nG11"
+    assert fed(text) == [1, -2, 0, 2]
+    assert Program(text=text).program.moves[[1, 3], 8] == pytest.approx(dwells)
+
+
 def test_klipper_s_retraction_has_names():
     text = "SET_RETRACTION RETRACT_LENGTH=1.5 UNRETRACT_EXTRA_LENGTH=0.1\nM83\nG1 X1 E1 F60\nG10\nG0 X5\nG11"
     assert fed(text) == pytest.approx([1, -1.5, 0, 1.6])

@@ -91,9 +91,10 @@ def test_the_motion_stops_for_the_codes_that_linuxcnc_carries_out_at_rest(code, 
 )
 def test_grbl_in_laser_mode_changes_the_power_of_a_move_in_motion(head, stops):
     """grbl: $32=1; M4 with S in moves is a laser's, unless the file has words that grbl lacks."""
-    straight = program(f"G21\n{head}\nF3000\nG1 X20 S9\nX60 S5", rapid=1e6)
-    assert straight.duration == pytest.approx(trapezoid(20, 50) + trapezoid(40, 50) if stops else trapezoid(60, 50))
-    assert sum("laser mode" in note for note in straight.notes) == stops
+    for word in ("", "G1 "):
+        straight = program(f"G21\n{head}\nF3000\nG1 X20 S9\n{word}X60 S5", rapid=1e6)
+        assert straight.duration == pytest.approx(trapezoid(20, 50) + trapezoid(40, 50) if stops else trapezoid(60, 50))
+        assert sum("laser mode" in note for note in straight.notes) == stops
     # S alone waits in any mode, and S0 in a move closes the valve without a stop
     alone = program(f"{head}\nF3000\nG1 X20 S9\nS5\nX60", rapid=1e6)
     assert alone.duration == pytest.approx(trapezoid(20, 50) + trapezoid(40, 50))

@@ -50,6 +50,8 @@ def test_a_load_that_leaves_nothing_is_refused():
 @pytest.mark.parametrize("damping", [12.0, 0.0])
 def test_friction_of_a_machine_without_bristles_is_that_of_its_joint(rigid, damping):
     machine = rigid(damping=damping)
+    model = model_of(machine, 0)
+    assert (model.share, model.stiffness, model.damping) == (0, 0, 0)
     fit = fit_of(machine, 0, inertia=1.1)
     fit.model = replace(fit.model, coulomb=0.02, viscous=4e-5)
     fitted = model_of(fitted_machine(SimpleNamespace(machine=machine, accepted=[fit])), 0)

@@ -265,6 +265,9 @@ def test_a_budget_prints_as_the_table_of_its_links():
     ]
     assert max(map(len, rows)) < 80
     assert list(DESCRIPTIONS) == [*LINKS[:-1], GEOMETRY, LINKS[-1], CORNER, "contour"]
+    # rows that few runs have
+    assert DESCRIPTIONS[GEOMETRY] == "motor to true axes"
+    assert DESCRIPTIONS[CORNER] == "change of leg of the path"
     frame = Budget(run).to_frame()
     assert list(frame.index) == [row.split()[0] for row in rows]
     assert list(frame.columns) == ["rms_um", "p95_um", "max_um", "share_percent"]

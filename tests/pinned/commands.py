@@ -304,4 +304,19 @@ def told(status, output, said):
     return {"status": status, "prints": [line for line in lines if line], "says": said.splitlines()}
 
 
+def parameters():
+    """Options with their usual values and help, and the commands that have them."""
+    found = {}
+    groups = [("gantrysim", parsed_app())]
+    while groups:
+        path, command = groups.pop()
+        groups += [(f"{path} {name}", sub) for name, sub in getattr(command, "commands", {}).items()]
+        for item in command.params:
+            usual = item.default if isinstance(item.default, str | int | float) and item.default is not False else ""
+            words = (*item.opts, *item.secondary_opts, usual, item.help or "")
+            found.setdefault(" ".join(map(str, words)), []).append(path.removeprefix("gantrysim "))
+    return {words: " ".join(sorted(paths)) for words, paths in sorted(found.items())}
+
+
 CASES = {name: lambda commands=commands: answer(commands) for name, commands in COMMANDS.items()}
+CASES["parameters"] = parameters

@@ -77,13 +77,21 @@ def scene_of(name, colour="plain", in_pieces=False):
     return Scene(run.job.built_machine, run, colour=colour, in_pieces=in_pieces)
 
 
-def ink(picture):
-    """Size of a picture, number of its pixels that are not paper, their middle, and sums of all colours by rows."""
-    marked = np.any(picture != rgb(PAPER), axis=2)
-    rows, columns = np.nonzero(marked)
-    middle = [float(rows.mean()), float(columns.mean())] if rows.size else []
+def ink(picture, paper=None):
+    """Size of a picture; number, middle and edges of its pixels that are not paper; and sums of all colours by rows."""
+    paper = rgb(PAPER) if paper is None else paper
+    rows, columns = np.nonzero(np.any(picture != paper, axis=2))
     weights = 1.0 + np.arange(picture.shape[0])
-    return [*picture.shape[:2], int(marked.sum()), *middle, *(weights @ picture.mean(axis=1) / weights.sum())]
+    # apart from one another, as numbers of a list are compared by the largest of them
+    answer = {
+        "size": picture.shape[:2],
+        "pixels": rows.size,
+        "rows": weights @ picture.mean(axis=1) / weights.sum(),
+    }
+    if rows.size:
+        answer["middle"] = [float(rows.mean()), float(columns.mean())]
+        answer["edges"] = [rows.min(), rows.max(), columns.min(), columns.max()]
+    return answer
 
 
 # cameras
@@ -325,9 +333,9 @@ def card_answer():
     picture = np.full((180, 640, 3), 200, np.uint8)
     card = end_card(picture, runs, list(names), verdicts)
     return [
-        ink(card),
+        ink(card, card[0, 0]),
         *(card[row, 5].tolist() for row in (0, 90)),
-        ink(end_card(picture, runs[:1], ["one"], verdicts[:1])),
+        ink(end_card(picture, runs[:1], ["one"], verdicts[:1]), card[0, 0]),
     ]
 
 

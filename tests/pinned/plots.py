@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from pinned.runs import JOBS, digits, results_of
+from pinned.studies import STUDIES
 
 from gantrysim import Job
 from gantrysim.cli.info import encoders_table, gains_table, glue_table, margins_table
@@ -99,5 +100,6 @@ CASES |= {
     "study, machine": lambda: study_answer(MachineStudy(square(), samples=12)),
     "study, circle": lambda: study_answer(CircleStudy("xy", radius=10.0, speed=60.0)),
 }
+CASES |= {f"study, {name}": lambda name=name: study_answer(STUDIES[name]()) for name in ("laws", "loop", "repeat")}
 TABLES = {"gains": gains_table, "margins": margins_table, "encoders": encoders_table, "glue": glue_table}
 CASES |= {f"table, {name}": lambda table=table: cells_of(table()) for name, table in TABLES.items()}

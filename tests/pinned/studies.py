@@ -1,6 +1,7 @@
 """Small studies: their question, answer, table and notes; what they compute; and runs with their engine's limits."""
 
 import tempfile
+from dataclasses import fields
 from pathlib import Path
 from unittest.mock import patch
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from gantrysim import InputError, Job, Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.study.circle import CircleStudy
 from gantrysim.study.laws import LawsStudy, reversals
 from gantrysim.study.loop import LoopStudy
 from gantrysim.study.loop.trends import Convergence, crossing, knee, power
@@ -18,6 +20,7 @@ from gantrysim.study.repeat.study import targets_of
 from gantrysim.study.run import run_study
 from gantrysim.study.speed import SpeedStudy, next_speeds
 from gantrysim.study.speed.study import Grade, answer_of, next_speeds_of_grades, speed_changes
+from gantrysim.study.tuning import TuningStudy
 
 from support.blank_pictures import save_blank
 from support.remedies import SIDES, lines_job
@@ -104,6 +107,7 @@ def trends():
     halved = [Convergence.of(x[::-1], values) for values in (5.0 + x[::-1], 5.0 + x[::-1] ** 2, errors)]
     return {
         "crossing": [crossing(x, errors, level) for level in (5.05, 8.0, 60.0, 1.0)],
+        "only touched": crossing(x, [1.0, 2.0, 1.0, 2.0, 2.0], 2.0),
         "knee": [knee(x, errors, floor) for floor in (5.0, 2.0, 100.0)],
         "power": [power(x, 3.0 * x**2), power(x, errors)],
         "convergence": [[each.order, each.limit, each.deviation] for each in halved],
@@ -121,6 +125,27 @@ def yields():
         "share": share,
         "targets": [targets_of((-100.0, 100.0)), targets_of((0.0, 7.0))],
         "reversals": reversals(np.array([[0.0, 1.0, 1.0, 0.5, 2.0], [0.0, 0.0, 1.0, 0.5, 0.5]]).T),
+    }
+
+
+def usual_values():
+    """What the studies take where a value is not given."""
+    job = lines_job(SIDES)
+    studies = [
+        LawsStudy(job),
+        RepeatStudy(job),
+        MachineStudy(job),
+        LoopStudy(spiral()),
+        CircleStudy(),
+        TuningStudy(job),
+    ]
+    return {
+        type(study).__name__: {
+            item.name: str(getattr(study, item.name))
+            for item in fields(study)
+            if item.init and item.name not in ("job", "measure")
+        }
+        for study in studies
     }
 
 
@@ -231,6 +256,7 @@ CASES |= {
     "trends": trends,
     "yields": yields,
     "spreads": spreads,
+    "usual values": usual_values,
     "refusals": study_refusals,
     "arguments": argument_answers,
 }

@@ -228,6 +228,14 @@ def test_the_measured_leads_are_the_dead_time_of_a_valve_without_lag():
         assert settings["of the measured ends"][name] == pytest.approx(0.04, abs=1e-3)
 
 
+def test_missing_and_excess_glue_are_means_over_the_ends():
+    """A dead time of 40 ms is 4 mm at 100 mm/s, and 2 mm at half of it."""
+    fast = "M62 P0\nG1 X40 F6000\nM63 P0\nG0 Y20\n"
+    slow = "M62 P0\nG1 X0 F3000\nM63 P0\nG0 Y40\n"
+    both = outcome(lines_job(f"G21 G90 G64\n{fast}{slow}M2\n", dispenser={"area": AREA, "dead_time": 0.04}))
+    assert [both.missing, both.excess] == pytest.approx([3.0, 3.0], rel=1e-4)
+
+
 @pytest.mark.parametrize(
     ("before", "line"),
     suite_runs(
@@ -265,6 +273,10 @@ def test_dots_keep_their_flow():
     job = lines_job(DOTS, dispenser={"flow": 40.0})
     assert "dots" in settings_of("flow by speed", job)
     (dot,) = outcome(job).dots
+    assert dot == pytest.approx(0.1 * 40.0, rel=0.02)
+    # a valve that opens and closes late feeds as much, partly into a string
+    text = "G21 G90\nG0 X25\nM62 P0\nG4 P0.1\nM63 P0\nG0 X60\nG4 P0.2\nM2\n"
+    (dot,) = outcome(lines_job(text, dispenser={"flow": 40.0, **LAG})).dots
     assert dot == pytest.approx(0.1 * 40.0, rel=0.02)
 
 

@@ -53,6 +53,17 @@ def test_values_that_never_make_the_job_are_not_proposed():
     assert values_to_set(other, lambda values: base) is None
 
 
+def test_a_value_that_is_a_table_is_one_option(tmp_path):
+    file = tmp_path / "tools.ngc"
+    file.write_text("G21 G90 G64 P0.02\nT1 M6\nG43\nG1 X140 F3000\nG1 Y60\nM2\n")
+    base = Job.load(file)
+    improved = base.changed({"program.tool_lengths": {"1": 12.5, "2": 8.0}})
+    (option,) = options(base, improved)
+    assert option == "--set program.tool_lengths='{1 = 12.5, 2 = 8.0}'"
+    same(with_options(file, option), improved)
+    assert "\ntool_lengths = {1 = 12.5, 2 = 8.0}  # mm;" in toml_lines(base, improved)
+
+
 def test_options_of_the_command_are_among_the_lines_of_the_file(tmp_path):
     base = Job.load("softmc-arc", ["dispenser.opening=0.03"])
     improved = base.changed({"dispenser.advance": 0.03})

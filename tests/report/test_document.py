@@ -282,6 +282,11 @@ def test_a_figure_is_described_by_its_labels():
         ("a " * 12 + "b; " + "c " * 20 + "d.", "a " * 12 + "b."),
         ("a " * 8 + "b, (c; " + "d " * 30 + "e).", "a " * 8 + "b."),
         ("Set it: " + "a " * 10 + "b, " + "c " * 30 + "d.", "Set it: " + "a " * 10 + "b."),
+        # 30 words are taken whole, and a clause of 8 words by itself
+        ("a " * 10 + "b; " + "c " * 18 + "d. E.", "a " * 10 + "b; " + "c " * 18 + "d."),
+        ("a " * 10 + "b; " + "c " * 19 + "d. E.", "a " * 10 + "b."),
+        ("a " * 7 + "b; " + "c " * 10 + "d, " + "e " * 30 + "f.", "a " * 7 + "b."),
+        ("a " * 6 + "b; " + "c " * 10 + "d, " + "e " * 30 + "f.", "a " * 6 + "b; " + "c " * 10 + "d."),
     ],
 )
 def test_a_page_begins_with_one_short_sentence(text, lead):

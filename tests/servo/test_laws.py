@@ -190,6 +190,11 @@ def test_a_torque_that_is_late_moves_an_inertia_by_its_taps(lag):
         assert change == pytest.approx(acted, abs=1e-7)
 
 
+def test_a_torque_that_is_later_than_the_observer_remembers_counts_as_32_periods_late():
+    assert torque_taps(31.5) == (31, pytest.approx((0.125, 0.75, 0.125)))
+    assert torque_taps(32.0) == torque_taps(40.5) == (32, pytest.approx((0.5, 0.5, 0.0)))
+
+
 @given(st.floats(1.0, 400.0))
 def test_the_filters_pass_rest_and_halve_at_their_bandwidth(bandwidth):
     b0, b1, b2, a1, a2 = low_pass(bandwidth, PERIOD)

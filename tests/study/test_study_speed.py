@@ -132,6 +132,9 @@ def test_a_programmed_speed_beyond_a_resonance_is_kept(tmp_path):
         f"{found.fastest:g} mm/s down every speed tried keeps the tolerance of 50 µm (largest contour error), "
         f"{found.above:g} mm/s does not (largest contour error 90 µm, at most 50 µm)."
     )
+    islands = ", ".join(f"{speed:g}" for speed in found.islands)
+    first = f"Not monotonic: faster runs are within the tolerance again, at {islands} mm/s."
+    assert outcome.report.details.notes[0] == first
 
 
 def test_the_study_reports_a_known_limit(tmp_path):

@@ -165,6 +165,17 @@ def test_a_bead_that_begins_in_a_dot_has_its_glue(xyz, share, dots):
     assert len(bead.dots) == dots
 
 
+def test_the_beads_before_and_after_a_dot_take_it_whatever_else_is_laid(xyz):
+    """A dot whose place is the end of the bead before it, or the beginning of the next, among dots that lie apart."""
+    before = "G0 Z0\nM3\nG1 X5 F1200\nM5\nG4 P0.1\nM3\nG4 P0.2\nM5\nG0 Z2\n"
+    after = "G0 X20 Y0\nG0 Z0\nM3\nG4 P0.2\nM5\nG4 P0.1\nM3\nG1 X25 F1200\nM5\nG0 Z2\n"
+    apart = DOT.format(40) + DOT.format(50)
+    for text, dots in ((before, 0), (after, 0), (before + apart, 2), (after + apart, 2), (apart + after + before, 2)):
+        bead = followed(xyz, mill(text))
+        assert len(bead.dots) == dots
+        assert [dot.asked[0] for dot in bead.dots] == pytest.approx([40.0, 50.0][:dots], abs=1e-6)
+
+
 @pytest.mark.parametrize(("share", "dots"), [(0.6, 1), (1.4, 0)])
 def test_a_needle_that_stays_over_its_own_face_lays_a_dot(xyz, share, dots):
     """Also one that is narrower than the face: 0.001 mm³ in 0.2 s."""

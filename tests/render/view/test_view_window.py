@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
 import glfw
 import mujoco
@@ -51,6 +52,27 @@ def test_without_a_display_that_glfw_opens_there_is_no_window(monkeypatch):
             check_display("linux", environment)
     with pytest.raises(NoDisplayError, match=r"^cannot open a window: GLFW finds no display; "):
         check_display("darwin", {})
+
+
+@pytest.mark.parametrize(
+    ("messages", "reason"),
+    [
+        (["(65550) b'X11: Failed to open display :9'"], "X11: Failed to open display :9"),
+        (['(65543) b"GLX: No GLXFBConfigs returned"'], "GLX: No GLXFBConfigs returned"),
+        (["no library is found"], "no library is found"),
+        (["(65544) b'Wayland: none'", "(65544) b'Wayland: none'", "X11: none"], "Wayland: none; X11: none"),
+    ],
+)
+def test_the_reason_is_what_glfw_warns_of(monkeypatch, messages, reason):
+    def init():
+        for message in messages:
+            warnings.warn(message, stacklevel=2)
+        return False
+
+    monkeypatch.setattr("glfw.init", init)
+    with pytest.raises(NoDisplayError) as error:
+        check_display("linux", {"DISPLAY": ":9"})
+    assert str(error.value) == f"cannot open a window: {reason}{HINT}"
 
 
 def command(*arguments, **environment):
