@@ -25,7 +25,7 @@ _EXPLAINED_RESIDUAL = 0.5  # residual with scale and clock, of that without, bel
 _NAMED = 0.25  # effect of a scale or clock, of the residual, from which it is named
 _SAMPLES = 500  # of a trace with which other axes are tried
 _TOO_WIDE = 2.0  # span of a trace, of the run's, from which its unit must be another
-_ROUNDS = 2  # in which a scale of hundredths is found
+_SCALE_ROUNDS = 2  # in which a scale of hundredths is found
 _WRONG_SCALE = 0.02  # beyond it a scale is no error of a machine but another unit
 
 Axes = tuple[int, int]
@@ -219,7 +219,7 @@ def aligned_beside_faults(trace: Trace, run: Run, what: tuple[str, ...]) -> Alig
         InputError: as `aligned_as_named`, or a scale so far from 1 that the unit of a column must be another.
     """
     alignment = aligned_as_named(trace, run, what)
-    for _ in range(_ROUNDS):
+    for _ in range(_SCALE_ROUNDS):
         faults = scale_and_clock(trace, run, alignment)
         if not faults.is_any:
             break
