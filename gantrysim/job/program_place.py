@@ -142,16 +142,12 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
         if rise:
             changes = _raised_program(controller, rise)
         if "program.start" in changes and _rises_to_glue(setpoints):
-            # a corner at the end of that rise is cut below the bead; a program that begins above has none
-            above = [
-                *changes["program.start"][:_Z],
-                box["z"][1] / _upward(controller),
-                *changes["program.start"][_Z + 1 :],
-            ]
-            rise = _rise(_heights(_planned_setpoints(job, {"program.start": above})), travel["z"][0])
+            rise = _rise(_heights(_begun_above(job, controller, box["z"][1])), travel["z"][0])
             changes = _raised_program(controller, rise)
         box["z"] = (box["z"][0] + rise, box["z"][1] + rise)
     if open_place.gap and "z" in box:
+        if getattr(controller, "start", None) is not None and _rises_to_glue(setpoints):
+            setpoints = _begun_above(job, controller, box["z"][1])
         changes = _gap_changes(job.machine, machine.gap, setpoints)
     shift = _shift(box, travel) if open_place.place else {}
     changes |= {f"program.placement.{axis}": value for axis, value in shift.items()}
@@ -199,7 +195,9 @@ def _heights(setpoints: Setpoints) -> _Heights:
 
 def _heights_of(setpoints: Setpoints) -> _Heights:
     columns = [setpoints.position[:, setpoints.axes.index(axis)] if axis in setpoints.axes else None for axis in "xy"]
-    z = setpoints.position[:, setpoints.axes.index("z")]
+    # a program that lies at the height 0 has no z
+    is_level = "z" not in setpoints.axes
+    z = np.zeros(len(setpoints.position)) if is_level else setpoints.position[:, setpoints.axes.index("z")]
     moves = np.zeros(len(z) - 1, bool)
     for column in columns:
         if column is not None:
@@ -223,9 +221,19 @@ def _rise(heights: _Heights, lowest_travel: float) -> float:
     return round(-bead, _DECIMALS) + 0.0
 
 
-def _planned_setpoints(job: JobContent, values: dict[str, Any]) -> Setpoints:
-    """Return the setpoints of a job's program with other values."""
-    changed = job.changed(values)
+def _begun_above(job: JobContent, controller: Controller, height: float) -> Setpoints:
+    """Return the setpoints of a program that begins at its greatest height.
+
+    A corner at the end of the rise to its first bead is cut below the bead; a program that begins above has none.
+
+    Args:
+        job: with the program.
+        controller: with a start.
+        height: greatest one of the program on the work [mm].
+    """
+    x, y, *_ = controller.start  # type: ignore[attr-defined]  # of those that have one
+    placement = controller.placement  # type: ignore[attr-defined]  # of those that can be placed
+    changed = job.changed({"program.start": [x, y, (height - placement.z) / _upward(controller)]})
     return changed.controller.setpoints(job.servo.period)
 
 

@@ -466,3 +466,40 @@ def test_a_setpoint_behind_a_gate_has_the_row_at_which_the_command_goes_on(run, 
     setpoints = SimpleNamespace(position=np.array([[0.0], [1], [2], [2], [3], [4]]), gates=np.array([3]))
     record = SimpleNamespace(commanded=np.array(run, float)[:, None], time=np.arange(len(run)))
     assert rows_of(record, setpoints).tolist() == rows
+
+
+# An output that is switched while motions are still to run.
+
+LINES = """vcruise = 40
+acc = 800
+dec = 800
+move {0, 0}
+sys.dout.1 = 1
+move {50, 0}
+circle angle = 180 circlecenter = {50, 10}
+move {0, 20}
+%s
+sys.dout.1 = 0
+move {0, 40}"""
+WAIT = "while ismoving\nsleep 1\nend while"
+
+
+def test_an_output_that_does_not_wait_for_the_motions_above_it_is_noted():
+    """It closes when the line begins to wait, at the begin of the arc; each of v takes its length / v + v / a."""
+    early = Basic(LINES % "")
+    ahead = (math.pi * 10 / 40 + 40 / 800) + (50 / 40 + 40 / 800)
+    note = (
+        f"sys.dout.1 is switched in line 10, {ahead:.3g} s before the motions above it end: statements do not wait for "
+        "motions, a loop on IsMoving does"
+    )
+    assert note in early.notes
+    dry = np.count_nonzero(~early.setpoints(1e-3).dispense[:-1]) * 1e-3
+    assert dry == pytest.approx(ahead + 20 / 40 + 40 / 800, abs=0.01)
+    waiting = Basic(LINES % WAIT)
+    assert not any("before the motions above it end" in note for note in waiting.notes)
+
+
+def test_an_output_in_a_motion_that_the_program_watches_is_not_noted():
+    """Time has passed since the motion was issued: it is switched there on purpose."""
+    text = "vcruise = 40\nmove {0, 0}\nmove {50, 0}\nsleep 300\nsys.dout.1 = 1\nsleep 400\nsys.dout.1 = 0"
+    assert not any("before the motions" in note for note in Basic(text).notes)

@@ -321,3 +321,22 @@ def test_a_rise_to_the_first_bead_does_not_set_its_height(tmp_path, name):
     assert job.machine == "xyz"
     if "z" in job.setpoints.axes:
         assert job.setpoints.position[glue, 2].min() == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("above", [0.0, 0.05, 0.3, 0.5])
+@pytest.mark.parametrize("text", ["G1 Z0.3\nG1 X40\nG1 Y20", "G0 Z0.3\nG1 X40\nG1 Y20", "G0 X10 Z0.3\nG1 X40\nG1 Y20"])
+def test_a_rise_does_not_set_the_height_of_the_needle_where_the_place_is_given(tmp_path, text, above):
+    """By hand, too, it is the height of the beads that counts: 0.5 mm, the gap at the work's, and what lies above."""
+    file = file_of(tmp_path, f"G21 G90\nF1200\n{text}\nM2\n")
+    job = Job.load(file, [f"program.placement.z={above - 0.3}"])
+    assert job.built_machine.gap == pytest.approx(0.5)
+    assert job.bead.gap == (pytest.approx(0.5 + above, abs=1e-9) if above else None)
+    assert any(f"needle {0.5 + above:g} mm above the work" in note for note in job.notes) == bool(above)
+
+
+def test_a_program_that_rises_from_its_start_to_the_work_lies_there(tmp_path):
+    """Begun above, all of it lies at the height 0, where it has no z."""
+    file_of(tmp_path, "G21 G90\nG1 Z0 F1200\nG1 X40\nG1 Y20\nM2\n")
+    job = Job.load(file_of(tmp_path, 'name = "a"\n[program]\nfile = "part.ngc"\nstart = [0, 0, -0.3]\n', "a.toml"))
+    assert job.program["placement"]["z"] == pytest.approx(0.0)
+    assert job.program["start"] == pytest.approx([0.0, 0.0, 0.0])

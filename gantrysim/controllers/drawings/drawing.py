@@ -347,8 +347,12 @@ class Drawing(Controller):
         legs = self.route.legs
         corners = self.route.corners
         laid = sum(leg.length for leg in legs if leg.glue)
+        dots = sum(stroke.dot is not None for stroke in self._strokes)
+        lines = len(self._strokes) - dots
+        traced = [counted(lines, "stroke")] if lines or not dots else []
+        traced += [counted(dots, "dot")] if dots else []
         notes = [
-            f"drawing: {self.kind}, {counted(len(self._strokes), 'stroke')} in {self.route.stretches} "
+            f"drawing: {self.kind}, {' and '.join(traced)} in {self.route.stretches} "
             f"stretch{'' if self.route.stretches == 1 else 'es'}; "
             f"{laid:.1f} mm of glue, {self.route.chain.length - laid:.1f} mm of travel"
         ]

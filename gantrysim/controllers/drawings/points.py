@@ -18,6 +18,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive, unknown
+from gantrysim.base.quantity import counted
 from gantrysim.controllers.drawings.shapes import (
     FASTEST_SPEED,
     LARGEST_COORDINATE,
@@ -360,6 +361,7 @@ def read_points(text: str, unit: float | None, curve: str, dots: bool) -> Sheet:
     table = PointTable.of(text, unit)
     collected = _Strokes()
     ignored_dots = 0
+    timed = 0
     for block in table.blocks:
         rows: list[PointRow] = []
         lone = len({tuple(row.point) for row in block}) == 1 and not block[0].kind
@@ -377,14 +379,17 @@ def read_points(text: str, unit: float | None, curve: str, dots: bool) -> Sheet:
                 collected.close(rows, curve)
             if row.kind == MOVE or (rows and math.dist(rows[-1].point, row.point) <= _SAME_POINT):
                 continue
+            timed += row.time > 0
             rows.append(row)
             if row.kind == END:
                 collected.close(rows, curve)
         collected.close(rows, curve)
     moves = sum(row.kind == MOVE for block in table.blocks for row in block)
     ignored = {"single point": collected.single, "dot": ignored_dots, "point of kind move": moves}
-    remarks = (f"columns that are not used: {', '.join(table.unused)}",) if table.unused else ()
-    return Sheet(tuple(collected.strokes), {kind: count for kind, count in ignored.items() if count}, remarks)
+    remarks = [f"columns that are not used: {', '.join(table.unused)}"] if table.unused else []
+    if timed:
+        remarks.append(f"time is not used at {counted(timed, 'point')} of strokes: a column kind with dot makes dots")
+    return Sheet(tuple(collected.strokes), {kind: count for kind, count in ignored.items() if count}, tuple(remarks))
 
 
 def _dot(row: PointRow) -> Stroke:

@@ -198,6 +198,7 @@ class Execution:
         idle: number of assignments without effect, by what they assign.
         outputs: states of digital outputs.
         switched: instants at which the dispensing output was switched, and whether on.
+        ahead: longest time by which it was switched before the end of motions just issued [s], and the line.
         records: of the program.
         speeds: of the motions along a path [mm/s].
     """
@@ -223,6 +224,7 @@ class Execution:
         self.idle: dict[str, int] = {}
         self.outputs: dict[int, float] = {}
         self.switched: list[tuple[Mark, bool]] = []
+        self.ahead = (0.0, 0)
         self.records: list[Recording] = []
         self.speeds: list[float] = []
         self._items = 0
@@ -363,6 +365,7 @@ class Execution:
         """Switch a digital output."""
         self.outputs[port] = value
         if port == self.settings.output:
+            self.ahead = max(self.ahead, (self.time.unawaited, self.clock.line))
             self.switched.append((self.mark(), value != 0))
 
     def mark(self) -> Mark:

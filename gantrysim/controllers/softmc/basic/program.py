@@ -213,6 +213,12 @@ class Basic(Controller):
         if task.idle:
             count = sum(task.idle.values())
             notes.append(f"{count} assignments without effect here, of {', '.join(sorted(task.idle))}")
+        ahead, line = task.ahead
+        if ahead:
+            notes.append(
+                f"sys.dout.{self.output} is switched in line {line}, {ahead:.3g} s before the motions above it end: "
+                "statements do not wait for motions, a loop on IsMoving does"
+            )
         if task.time.settled and task.time.supervised and task.time.supervised.settle_error == np.inf:
             notes.append("waits for settling have no effect without PositionErrorSettle")
         if task.prints:

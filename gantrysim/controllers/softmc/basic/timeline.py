@@ -18,6 +18,7 @@ from gantrysim.paths.chain import Chain
 
 MOST_MOTIONS = 100_000
 LONGEST_TIME = 86_400.0  # [s]
+_AT_ONCE = 1e-3  # since a motion was issued, in which a program has not waited for anything [s]
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class Timeline:
         steps: the legs and rests.
         settled: number of steps before each leg that waits for the axes to settle.
         supervised: the group at the last motion.
+        issued: program's time at which the last motion was issued [s].
     """
 
     placement: Placement
@@ -56,6 +58,7 @@ class Timeline:
     steps: list[Leg | Rest] = field(default_factory=list)
     settled: list[int] = field(default_factory=list)
     supervised: Group | None = None
+    issued: float = -math.inf
     _begins: list[float] = field(default_factory=list)
     _legs: list[int] = field(default_factory=list)
     _paths: list[tuple[Floats, Segment, Leg]] = field(default_factory=list)
@@ -71,6 +74,11 @@ class Timeline:
     def moving(self) -> bool:
         """Whether a motion is under way."""
         return self.clock < self.free
+
+    @property
+    def unawaited(self) -> float:
+        """Time to the end of the motions that the program has just issued and not waited for; 0 without any [s]."""
+        return self.free - self.clock if self.moving and self.clock - self.issued < _AT_ONCE else 0.0
 
     @property
     def travels(self) -> bool:
@@ -154,5 +162,6 @@ class Timeline:
         self.steps.append(leg)
         self.free += duration
         self.supervised = group
+        self.issued = self.clock
         if self.free > LONGEST_TIME:
             raise SoftMCError(f"motion of {self.free:g} s: must be at most {LONGEST_TIME:g} s")
