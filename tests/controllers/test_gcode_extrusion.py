@@ -232,10 +232,12 @@ def test_klipper_s_retraction_has_names():
     assert fed(text) == pytest.approx([1, -1.5, 0, 1.6])
 
 
-def test_a_retraction_of_unknown_length_is_said_and_takes_no_time():
-    program = Program(text="M83\nG1 X1 E1 F60\nG10\nG0 X5\nG11")
+@pytest.mark.parametrize(("retract", "recover"), [("G10", "G11"), ("G22", "G23")])
+def test_a_retraction_of_unknown_length_is_said_and_takes_no_time(retract, recover):
+    program = Program(text=f"M83\nG1 X1 E1 F60\n{retract}\nG0 X5\n{recover}")
     assert fed(program.text) == [1, 0]
-    assert "G10, whose length the program does not state (1)" in program.notes[0]
+    for name in (retract, recover):
+        assert f"{name}, whose length the program does not state (1)" in program.notes[0]
 
 
 def test_retraction_beside_dwells_keeps_the_position():

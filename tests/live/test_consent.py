@@ -93,6 +93,24 @@ def test_only_a_yes_on_the_terminal_allows_it(typed, expected):
         os.close(master)
 
 
+def test_what_was_typed_before_the_question_is_no_answer():
+    master, slave = os.openpty()
+    try:
+        with os.fdopen(slave) as keyboard, os.fdopen(os.dup(slave), "w") as screen:
+
+            async def answered():
+                os.write(master, b"y\n")
+                asked = asyncio.create_task(Terminal(keyboard, screen).ask("Run it? "))
+                await asyncio.sleep(0.1)
+                assert not asked.done()
+                os.write(master, b"\n")
+                return await asked
+
+            assert not asyncio.run(answered())
+    finally:
+        os.close(master)
+
+
 def test_a_pipe_is_no_terminal(tmp_path):
     with (tmp_path / "in").open("w+", encoding="utf-8") as file:
         assert not Terminal(file, file).is_interactive

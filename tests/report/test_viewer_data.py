@@ -156,6 +156,13 @@ def test_poses_are_spread_over_the_run_and_no_more_than_its_ticks():
         assert np.diff(chosen).size < 2 or np.ptp(np.diff(chosen)) <= 1
 
 
+@pytest.mark.parametrize("state", [None, np.zeros(400_000, bool)])
+def test_no_two_rows_shown_are_further_apart_than_16_bits_hold(state):
+    shown = shown_rows(400_000, [], 0, [] if state is None else [state], 2)
+    assert np.diff(shown).max() == 65_534
+    np.testing.assert_array_equal(decoded(encoded_ascending(shown), shown.size), shown)
+
+
 def test_few_rows_are_all_shown():
     assert shown_rows(100, [], 0, [], 100).size == 100
 
