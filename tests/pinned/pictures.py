@@ -269,7 +269,7 @@ def strip_answer(names, size, letters, head=0):
     runs = [telemetry_of(name) for name in names]
     strip = Strip(runs, run_colours(len(runs)), size, font(letters), head)
     return {
-        "axes": [strip.end, strip.top, strip.left, strip.right, strip.above, strip.bottom],
+        **{name: getattr(strip, name) for name in ("end", "top", "left", "right", "above", "bottom")},
         "ticks": [strip.time_ticks, strip.error_ticks],
         "places": [strip.column(0.3), strip.column(99.0), strip.row(0.5 * strip.top)],
         "pictures": [ink(strip.picture(time)) for time in (0.0, 0.6, 99.0)],
@@ -558,6 +558,8 @@ CASES |= {f"telemetry, {name}": lambda name=name: telemetry_answer(name) for nam
 CASES |= {
     "strip": lambda: strip_answer(["fixed flow"], (400, 90), 12),
     "strip of two": lambda: strip_answer(["fixed flow", "soft", "faulted"], (250, 120), 16, 40),
+    # in letters so large that the margins are whole pixels apart
+    "strip, large": lambda: strip_answer(["soft"], (1400, 500), 80),
     "panel": lambda: panel_answer(["fixed flow"]),
     "panel of two": lambda: panel_answer(["fixed flow", "faulted"]),
     "headers": lambda: headers_answer(400, 16, 1),

@@ -2,7 +2,8 @@
 
 import pytest
 
-from gantrysim import Job
+from gantrysim import Budget, Job
+from gantrysim.metrics import Analysis
 from gantrysim.remedy.bench import Bench
 
 from support.remedies import rubbing
@@ -37,6 +38,18 @@ def test_a_motion_is_simulated_once_and_serves_another_glue(runs):
     assert len(runs) == 1
     # the first was known from its motion, the second from a bead laid on it
     assert bench.task.done == 2
+
+
+def test_only_a_run_that_is_shown_has_a_budget_to_show():
+    job = rubbing()
+    bench = Bench(job, workers=1)
+    assert bench.shown_budget(job) is None
+    assert bench.motion(job).budget is not None
+    # that of a search, by its own engine
+    assert bench.shown_budget(job) is None
+    budget = Budget(Analysis(job.run()))
+    bench.add(job, budget)
+    assert bench.shown_budget(job) is budget
 
 
 def test_another_servo_is_another_motion(runs):

@@ -3,6 +3,7 @@
 import ctypes.util
 import dataclasses
 import os
+import re
 import subprocess
 import sys
 
@@ -16,7 +17,7 @@ from gantrysim.base.errors import unknown
 from gantrysim.cli import main as cli
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.render import Film, NoOpenGLError, Renderer, Take, save_video
-from gantrysim.render.opengl import offscreen_context
+from gantrysim.render.opengl import _egl_failure, offscreen_context
 from gantrysim.render.renderer import checked_size
 
 from support.blank_pictures import save_blank
@@ -226,6 +227,32 @@ def test_macos_and_windows_without_opengl_need_no_debian_package(monkeypatch, er
     with pytest.raises(NoOpenGLError) as refused:
         offscreen_context(30, 20, "darwin")
     assert str(refused.value) == f"no offscreen OpenGL: {' '.join(str(error).split())}"
+
+
+@pytest.mark.parametrize(
+    ("trial", "reason"), [("print(1); raise SystemExit('first line\\nno EGL')", "no EGL"), ("1/0", "division by zero")]
+)
+def test_an_egl_that_fails_in_a_process_of_its_own_is_not_tried_in_this_one(monkeypatch, trial, reason):
+    def refuse(*_):
+        raise RuntimeError("no OSMesa\neither")
+
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr(ctypes.util, "find_library", lambda name: f"lib{name}.so")
+    monkeypatch.setattr("gantrysim.render.opengl._context", refuse)
+    monkeypatch.setattr("gantrysim.render.opengl._TRIAL", trial)
+    _egl_failure.cache_clear()
+    try:
+        with pytest.raises(NoOpenGLError) as refused:
+            offscreen_context(30, 20, "linux")
+        monkeypatch.setattr("gantrysim.render.opengl._TRIAL", "raise SystemExit(3)")
+        _egl_failure.cache_clear()
+        assert _egl_failure() == "no reason given"
+    finally:
+        _egl_failure.cache_clear()
+    causes = re.findall(r" \((\w+): ([^)]*)\)", str(refused.value).partition(": install Debian package ")[0])
+    assert [name for name, _ in causes] == ["egl", "osmesa"]
+    assert causes[0][1].endswith(reason)
+    assert causes[1][1] == "no OSMesa either"
 
 
 def test_a_machine_without_cameras_says_so(rigid):
