@@ -514,3 +514,10 @@ def test_an_output_that_is_switched_right_after_buffered_moves_is_noted(wait, mo
 
 def test_another_output_than_the_valve_may_be_switched_at_any_time():
     assert not any("is switched in line" in note for note in Basic(f"{SQUARE}OP(9,ON)\nWAIT IDLE\nOP(8,OFF)").notes)
+
+
+def test_an_output_beside_a_motion_without_an_end_is_not_noted():
+    text = (
+        "BASE(0)\nSPEED=20\nACCEL=200\nDECEL=200\nOP(8,OFF)\nFORWARD\nOP(8,ON)\nWA(500)\nCANCEL\nWAIT IDLE\nOP(8,OFF)"
+    )
+    assert not any("is switched in line" in note for note in Basic(text).notes)

@@ -105,8 +105,10 @@ def _note_haste(process: Process, output: int, line: int) -> None:
     if process.ordered is None or state.tick - process.ordered.tick > _AT_ONCE:
         return
     axis = state.motion.axis(process.ordered.axis)
-    moves = len(axis.queue) + (not axis.idle)
-    if moves:
+    pending = [move for move in (axis.move, *axis.queue) if move is not None]
+    moves = len(pending)
+    # one that follows another axis waits for that, and may never end, as those of FORWARD and REVERSE
+    if moves and all(move.has_profile and move.kind not in (FORWARD, REVERSE) for move in pending):
         state.hasty.setdefault(
             output,
             [
