@@ -491,3 +491,33 @@ def test_a_condition_that_cannot_come_about_is_refused_long_before_the_time_limi
 def test_a_wait_for_another_process_or_the_clock_is_none_for_ever():
     setpoints = basic("SPEED=10\nMOVE(2)\nTICKS=200000\nWAIT UNTIL TICKS<0\nMOVE(2)").setpoints(0.001)
     assert len(setpoints.position) > 200_000
+
+
+SQUARE = "BASE(0,1)\nSPEED=50\nACCEL=1000\nDECEL=1000\nMERGE=OFF\nOP(8,ON)\nMOVE(50,0)\nMOVE(0,20)\nMOVE(-50,0)\n"
+
+
+@pytest.mark.parametrize(
+    ("wait", "moves"),
+    [("", "2 moves above it are"), ("WAIT LOADED", None), ("WAIT IDLE", None), ("WA(300)", None)],
+)
+def test_an_output_that_is_switched_right_after_buffered_moves_is_noted(wait, moves):
+    """The last move waits in the buffer until the first has ended, so that the second and it are still to run."""
+    program = Basic(f"{SQUARE}{wait}\nOP(8,OFF)\nWAIT IDLE")
+    noted = [note for note in program.notes if note.startswith("OP(8) is switched")]
+    line = SQUARE.count("\n") + 2
+    assert noted == (
+        [f"OP(8) is switched in line {line} while {moves} still to run: OP does not wait, WAIT IDLE does"]
+        if moves
+        else []
+    )
+
+
+def test_another_output_than_the_valve_may_be_switched_at_any_time():
+    assert not any("is switched in line" in note for note in Basic(f"{SQUARE}OP(9,ON)\nWAIT IDLE\nOP(8,OFF)").notes)
+
+
+def test_an_output_beside_a_motion_without_an_end_is_not_noted():
+    text = (
+        "BASE(0)\nSPEED=20\nACCEL=200\nDECEL=200\nOP(8,OFF)\nFORWARD\nOP(8,ON)\nWA(500)\nCANCEL\nWAIT IDLE\nOP(8,OFF)"
+    )
+    assert not any("is switched in line" in note for note in Basic(text).notes)

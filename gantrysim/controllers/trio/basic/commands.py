@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gantrysim.base.errors import InputError
+from gantrysim.base.quantity import counted
 from gantrysim.controllers.basic.code import STATEMENT
 from gantrysim.controllers.basic.statements import PREFIX
 from gantrysim.controllers.trio.basic.moves import (
@@ -32,12 +33,13 @@ from gantrysim.controllers.trio.basic.moves import (
     Straight,
     Table,
 )
-from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, Process, index
+from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, Ordered, Process, index
 from gantrysim.controllers.trio.basic.words import IGNORED_COMMANDS, MOST_BITS
 
 # Tables of commands: a function each, `cmd_connect` for CONNECT, with the number of its arguments.
 
 MAX_AXES = 16  # of one move
+_AT_ONCE = 2  # servo periods since a move was ordered, in which a program has not waited for anything
 
 Values = list[float]
 Action = Callable[[Process, Values, int], None]
@@ -86,9 +88,34 @@ class CommandTable(dict[str, Command]):
 
 def order(process: Process, move: Move) -> None:
     """Hand a move to the axes; the program waits where the buffer is full."""
-    motion = process.state.motion
-    if not motion.order(move):
-        process.blocked = lambda: motion.order(move)
+
+    def ordered() -> bool:
+        is_taken = process.state.motion.order(move)
+        if is_taken:
+            process.ordered = Ordered(move.axes[0], process.state.tick)
+        return is_taken
+
+    if not ordered():
+        process.blocked = ordered
+
+
+def _note_haste(process: Process, output: int, line: int) -> None:
+    """Note an output that is switched right after moves that are still to run, as nothing has waited for them."""
+    state = process.state
+    if process.ordered is None or state.tick - process.ordered.tick > _AT_ONCE:
+        return
+    axis = state.motion.axis(process.ordered.axis)
+    pending = [move for move in (axis.move, *axis.queue) if move is not None]
+    moves = len(pending)
+    # one that follows another axis waits for that, and may never end, as those of FORWARD and REVERSE
+    if moves and all(move.has_profile and move.kind not in (FORWARD, REVERSE) for move in pending):
+        state.hasty.setdefault(
+            output,
+            [
+                f"OP({output}) is switched in line {line} while {counted(moves, 'move')} above it "
+                f"{'is' if moves == 1 else 'are'} still to run: OP does not wait, WAIT IDLE does"
+            ],
+        )
 
 
 def axis_number(process: Process, value: float) -> int:
@@ -333,6 +360,7 @@ def cmd_op(process: Process, values: Values, line: int) -> None:
         raise InputError(f"OP({first},{last}, ...): must be 1 to {MOST_BITS} outputs, the first one first")
     number = int(values[-1]) if len(values) == 3 else int(bool(values[1]))
     for output in range(first, last + 1):
+        _note_haste(process, output, line)
         process.state.switched.add(output)
         if number >> (output - first) & 1:
             process.state.outputs.add(output)

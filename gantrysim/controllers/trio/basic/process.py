@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.code import Code
@@ -49,6 +50,13 @@ class Printed:
     text: str
 
 
+class Ordered(NamedTuple):
+    """The last move that a process has ordered: the axis that holds it, and the servo period."""
+
+    axis: int
+    tick: int
+
+
 @dataclass(kw_only=True)
 class Process(Task):
     """A running program.
@@ -62,6 +70,7 @@ class Process(Task):
         error_line: line of its last error that it has handled, 0 for none.
         kinds: types that DIM gives to variables.
         arrays: those of DIM, with their sizes, by name.
+        ordered: its last move; None before the first.
     """
 
     state: State
@@ -72,6 +81,7 @@ class Process(Task):
     error_line: int = 0
     kinds: dict[str, str] = field(default_factory=dict)
     arrays: dict[str, tuple[tuple[int, ...], dict[tuple[int, ...], float]]] = field(default_factory=dict)
+    ordered: Ordered | None = None
 
     def recovers(self, error: str, ready: float) -> bool:
         """Go on at the label of ON BASICERROR, where there is one; the error is noted."""
@@ -135,6 +145,7 @@ class State:
         vr, table: global memory.
         outputs: numbers of the outputs that are on.
         switched: outputs that a program has switched.
+        hasty: notes on outputs that were switched before the moves above had run, by output.
         analogue: values of the analogue outputs that a program has set, by number.
         processes: in the order of their start.
         printed: what programs print.
@@ -157,6 +168,7 @@ class State:
     table: dict[int, float] = field(default_factory=dict)
     outputs: set[int] = field(default_factory=set)
     switched: set[int] = field(default_factory=set)
+    hasty: dict[int, list[str]] = field(default_factory=dict)
     analogue: dict[int, float] = field(default_factory=dict)
     processes: list[Process] = field(default_factory=list)
     printed: list[Printed] = field(default_factory=list)

@@ -63,7 +63,7 @@ def notes_of(state: State, stop_after: float, outputs: tuple[int, str], stated: 
             "processes end there, and the axes come to rest"
         )
     notes += [remark for code in state.programs.values() for remark in code.remarks]
-    notes += _off_circle(state)
+    notes += [*state.hasty.get(outputs[0], ()), *_off_circle(state)]
     notes += [f"{error}: the program went on at its ON BASICERROR" for error in state.handled[:_SHOWN]]
     if len(state.handled) > _SHOWN:
         notes.append(f"ON BASICERROR: {len(state.handled) - _SHOWN} more errors")
