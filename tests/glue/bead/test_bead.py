@@ -656,9 +656,9 @@ def test_a_flow_that_a_limit_holds_short_has_settled_where_it_is_steady(drift):
     flow = 6.0 * np.clip((tick - 100) / 200, 0.0, 1.0) * (1 - drift * 1e-3 * np.clip(tick - 300, 0, None))
     flow = np.where(tick < 900, flow, 0.0)
     run = SimpleNamespace(period=1e-3, flow=flow, flow_demand=demand)
-    first, after = Bead._settled(SimpleNamespace(run=run), 0, 1000)
+    first, after = Bead._settled_ticks(SimpleNamespace(run=run), 0, 1000)
     assert first == 300
     assert after in (899, 900)
     # the middle, where it never settles
     run = SimpleNamespace(period=1e-3, flow=np.linspace(0.0, 6.0, 1000), flow_demand=demand)
-    assert Bead._settled(SimpleNamespace(run=run), 0, 1000) == (500, 500)
+    assert Bead._settled_ticks(SimpleNamespace(run=run), 0, 1000) == (500, 500)
