@@ -131,7 +131,10 @@ def test_nearest_names(name, near):
         ("spead = 100", "unknown key program.spead: did you mean speed"),
         ("[sevro]\nkp = 1", "unknown key sevro: did you mean servo"),
         ("[dispenser]\nflow = 3\nneedle = {boer = 1}", "unknown key dispenser.needle.boer: did you mean bore"),
-        ("[[faults]]\nkind = 'bus sag'\ntime = 1\nshare = 0.5\ndration = 1", "unknown key faults.0.dration: did you mean duration"),
+        (
+            "[[faults]]\nkind = 'bus sag'\ntime = 1\nshare = 0.5\ndration = 1",
+            "unknown key faults.0.dration: did you mean duration",
+        ),
     ],
 )
 def test_a_wrong_key_of_a_job_file(tmp_path, table, text):

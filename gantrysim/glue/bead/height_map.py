@@ -460,13 +460,15 @@ def upright(bead: BeadTrace) -> Floats:
 
 def check_cells(bead: BeadTrace, count: ArrayLike, layers: int = 1) -> None:
     """Raise InputError for a height map of too many cells, given as their number along x and along y."""
-    cells = layers * float(np.prod(np.asarray(count, float)))
+    # not NumPy's product, which warns where it is infinite
+    cells = layers * math.prod(np.asarray(count, float).tolist())
     if not cells <= MOST_CELLS:
         stacked = f" in {layers} layers" if layers > 1 else ""
         wide = float(bead.nominal_section.width[0])
         widest = float(bead.width.max())
         # as large as few enough need, in steps of a tenth of the present ones
-        larger = 0.1 * bead.cell * math.ceil(10 * math.sqrt(cells / MOST_CELLS) + 1)
+        steps = math.ceil(10 * math.sqrt(cells / MOST_CELLS) + 1) if cells < math.inf else math.inf
+        larger = 0.1 * bead.cell * steps
         suits = f"; bead.cell = {larger:.4g} has few enough" if larger <= _WIDEST_CELL * wide else ""
         raise InputError(
             f"cell = {bead.cell:g} mm: the height map of a bead {wide:.4g} mm wide, {widest:.4g} mm at its "
