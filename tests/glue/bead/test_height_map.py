@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gantrysim import Dispenser, InputError, Machine
+from gantrysim import Dispenser, InputError, Job, Machine
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.glue.bead import Bead, BeadSettings, HeightMap, Section, pushing
 from gantrysim.glue.bead.height_map import _on_grid
@@ -444,6 +444,13 @@ def test_cells_too_small_for_the_bead_are_refused():
     wide = laid(XY, line(), gap=1e-6)
     with pytest.raises(InputError, match=r"of a bead 2e\+06 mm wide, .* has .* cells"):
         HeightMap.of(wide)
+
+
+def test_infinitely_many_cells_are_refused():
+    """The product of their counts overflows; no cell size suits."""
+    job = Job.load("an225", {"dispenser.flow": 1e-308})
+    with pytest.raises(InputError, match=r"has inf cells, at most 2e\+07$"):
+        job.plan()
 
 
 def test_cells_too_large_for_the_bead_are_refused():
