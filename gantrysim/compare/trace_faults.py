@@ -158,7 +158,7 @@ class ScaleAndClock(NamedTuple):
 
     @property
     def is_any(self) -> bool:
-        """Whether any is named."""
+        """Whether a scale or a clock is named."""
         return bool(self.scales or self.clock)
 
 
@@ -224,10 +224,10 @@ def aligned_beside_faults(trace: Trace, run: Run, what: tuple[str, ...]) -> Alig
         if not faults.is_any:
             break
         _check_scales(faults, alignment, run)
-        right = aligned_trace(_without(faults, trace, alignment, run), run, what)
-        if right.criterion == "time":
-            right = replace(right, instants=trace.time - right.shift)
-        alignment = replace(right, residual=scale_and_clock(trace, run, right).residual)
+        anew = aligned_trace(_without(faults, trace, alignment, run), run, what)
+        if anew.criterion == "time":
+            anew = replace(anew, instants=trace.time - anew.shift)
+        alignment = replace(anew, residual=scale_and_clock(trace, run, anew).residual)
     return alignment
 
 
@@ -235,7 +235,7 @@ def _without(faults: ScaleAndClock, trace: Trace, alignment: Alignment, run: Run
     """Return a trace without the faults that are named, about the middle of what the run covers."""
     inside = (alignment.instants >= run.time[0]) & (alignment.instants <= run.time[-1])
 
-    def right(values: Floats, rate: float) -> Floats:
+    def without_rate(values: Floats, rate: float) -> Floats:
         middle = values[inside].mean()
         return np.asarray(middle + (values - middle) / (1 + rate))
 
@@ -243,8 +243,8 @@ def _without(faults: ScaleAndClock, trace: Trace, alignment: Alignment, run: Run
     assert measured is not None
     corrected = measured.copy()
     for column, scale in faults.scales.items():
-        corrected[:, column] = right(measured[:, column], scale)
-    time = right(trace.time, faults.clock) if faults.clock else trace.time
+        corrected[:, column] = without_rate(measured[:, column], scale)
+    time = without_rate(trace.time, faults.clock) if faults.clock else trace.time
     if alignment.by == "nozzle":
         return replace(trace, time=time, nozzle=corrected)
     return replace(trace, time=time, axes={**trace.axes, alignment.by: corrected})

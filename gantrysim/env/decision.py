@@ -25,6 +25,19 @@ class Entry(NamedTuple):
     meaning: str
 
 
+def following_entries(axis: str, worst: float) -> list[Entry]:
+    """Return the entries of an axis' following error.
+
+    Args:
+        axis: its name.
+        worst: largest error that is observed [tolerances].
+    """
+    return [
+        Entry(f"following_{axis}", -worst, worst, "tolerances", f"mean following error of {axis}, signed"),
+        Entry(f"following_change_{axis}", -worst, worst, "tolerances", "change since the interval before"),
+    ]
+
+
 class IntervalValues(NamedTuple):
     """Values measured between two decisions, one row per environment; all zero before the first interval.
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.engine.simulation import Simulation
-from gantrysim.env.decision import Entry, Outcome
+from gantrysim.env.decision import Entry, Outcome, following_entries
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
 from gantrysim.env.friction import (
@@ -126,20 +126,7 @@ class ServoTorqueBatch(EpisodeBatch):
         entries = []
         for axis in self.source.machine.axis_names:
             entries += [
-                Entry(
-                    f"following_{axis}",
-                    -_WORST_ERROR,
-                    _WORST_ERROR,
-                    "tolerances",
-                    f"mean following error of {axis}, signed",
-                ),
-                Entry(
-                    f"following_change_{axis}",
-                    -_WORST_ERROR,
-                    _WORST_ERROR,
-                    "tolerances",
-                    "change since the interval before",
-                ),
+                *following_entries(axis, _WORST_ERROR),
                 Entry(
                     f"velocity_{axis}",
                     -_SPEED_RANGE,

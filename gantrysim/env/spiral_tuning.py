@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.errors import InputError, between, finite, positive
-from gantrysim.env.decision import Entry, Outcome
+from gantrysim.env.decision import Entry, Outcome, following_entries
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
 from gantrysim.env.friction import model_torques
@@ -159,20 +159,7 @@ class SpiralTuningBatch(EpisodeBatch):
         entries = []
         for axis in self.source.machine.axis_names:
             entries += [
-                Entry(
-                    f"following_{axis}",
-                    -_WORST_ERROR,
-                    _WORST_ERROR,
-                    "tolerances",
-                    f"mean following error of {axis}, signed",
-                ),
-                Entry(
-                    f"following_change_{axis}",
-                    -_WORST_ERROR,
-                    _WORST_ERROR,
-                    "tolerances",
-                    "change since the interval before",
-                ),
+                *following_entries(axis, _WORST_ERROR),
                 Entry(
                     f"velocity_{axis}",
                     -_SPEED_RANGE,
