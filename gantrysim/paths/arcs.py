@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.base.jit import jit
+from gantrysim.paths.nearest import chord_near
 from gantrysim.paths.path import Path
 
 
@@ -48,8 +50,8 @@ class ArcChain(Path):
         self._sine = np.divide(self._rise, space, out=np.zeros_like(space), where=space > 0)
         self._s = np.concatenate([[0.0], np.cumsum(space)])
         self._theta = heading + np.concatenate([[0.0], np.cumsum(self._kappa * pieces)])
-        steps = _arc(self._theta[:-1], self._kappa, pieces, self._rise)
-        self._points = self._start + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+        self._points = np.empty((pieces.size + 1, 3))
+        _join_arcs((self._start, self._theta, self._kappa, pieces, self._rise), self._points)
 
     def parameters(self) -> dict[str, Any]:
         return {
@@ -81,9 +83,11 @@ class ArcChain(Path):
         return k, arc_length - self._s[k]
 
     def position(self, s: ArrayLike) -> Floats:
-        k, distance = self._locate(s)
-        steps = _arc(self._theta[k], self._kappa[k], distance * self._cosine[k], distance * self._sine[k])
-        return self._points[k] + steps
+        places = np.atleast_1d(np.asarray(s, float))
+        points = np.empty((places.size, 3))
+        pieces = (self._s, self._theta, self._kappa, self._cosine, self._sine, self._points)
+        _find_points(pieces, np.ascontiguousarray(places), points)
+        return points
 
     def heading(self, s: ArrayLike) -> Floats:
         k, distance = self._locate(s)
@@ -97,11 +101,38 @@ class ArcChain(Path):
         return self._sine[self._locate(s)[0]]
 
 
-def _arc(theta: Floats, kappa: Floats, flat: Floats, rise: Floats) -> Floats:
-    """Displacement along arcs of initial heading theta and length `flat` in the plane, (m, 3) [mm].
+@jit
+def _arc(theta: float, kappa: float, flat: float) -> tuple[float, float]:
+    """Return the displacement along an arc of initial heading theta and length `flat` in the plane [mm].
 
     The chord's form s sinc(kappa s / 2) (cos, sin)(theta + kappa s / 2) holds for lines as well.
     """
     half = 0.5 * kappa * flat
-    chord = flat * np.sinc(half / np.pi)
-    return np.stack([chord * np.cos(theta + half), chord * np.sin(theta + half), rise], axis=-1)
+    chord = flat * np.sin(half) / half if half != 0.0 else flat
+    return chord * np.cos(theta + half), chord * np.sin(theta + half)
+
+
+@jit
+def _join_arcs(arcs: tuple[Floats, Floats, Floats, Floats, Floats], points: Floats) -> None:
+    """Write where arcs begin and end, (m + 1, 3) [mm], from their start, headings, curvatures, lengths and rises."""
+    start, theta, kappa, flat, rise = arcs
+    points[0] = start
+    for k in range(kappa.size):
+        x, y = _arc(theta[k], kappa[k], flat[k])
+        points[k + 1, 0] = points[k, 0] + x
+        points[k + 1, 1] = points[k, 1] + y
+        points[k + 1, 2] = points[k, 2] + rise[k]
+
+
+@jit
+def _find_points(pieces: tuple[Floats, Floats, Floats, Floats, Floats, Floats], places: Floats, points: Floats) -> None:
+    """Write the points of a chain at arc lengths, (n, 3) [mm]; pieces are the columns of an `ArcChain`."""
+    begins, theta, kappa, cosine, sine, starts = pieces
+    k = 0
+    for j in range(places.size):
+        k = chord_near(begins, places[j], k)  # type: ignore[no-untyped-call]
+        distance = places[j] - begins[k]
+        x, y = _arc(theta[k], kappa[k], distance * cosine[k])
+        points[j, 0] = starts[k, 0] + x
+        points[j, 1] = starts[k, 1] + y
+        points[j, 2] = starts[k, 2] + distance * sine[k]

@@ -157,8 +157,7 @@ class Involute(Path):
         here = Local(
             np.empty((n, 3)), (np.empty(n), np.empty(n)), np.empty(n), np.empty(n), UPRIGHT, np.zeros(n, np.intp)
         )
-        _find_points(phi, self._numbers, here.position)
-        _find_frames(phi, self._numbers, here.heading, here.sine, here.turning)
+        _find_frames(phi, self._numbers, here.position, here.heading, here.sine, here.turning)
         return here
 
     def heading(self, s: ArrayLike) -> Floats:
@@ -176,31 +175,40 @@ class Involute(Path):
 @jit
 def _find_points(phi: Floats, numbers: _Numbers, points: Floats) -> None:
     """Write the points of an involute at the angles phi, (n, 3) [mm]."""
+    for k in range(phi.size):
+        _write_point(phi[k], np.cos(phi[k]), np.sin(phi[k]), numbers, points[k])
+
+
+@jit
+def _write_point(phi: float, cosine: float, sine: float, numbers: _Numbers, point: Floats) -> None:
+    """Write the point of an involute at an angle phi, given with its cosine and sine, (3,) [mm]."""
     radius = numbers.radius
     a = numbers.a
     c, d = numbers.direction
-    for k in range(phi.size):
-        rho = radius - a * phi[k]
-        cosine = np.cos(phi[k])
-        sine = np.sin(phi[k])
-        along = a - a * cosine + rho * sine
-        lateral = numbers.turn * (radius - a * sine - rho * cosine)
-        points[k, 0] = numbers.start[0] + along * c - lateral * d
-        points[k, 1] = numbers.start[1] + along * d + lateral * c
-        points[k, 2] = numbers.rise * phi[k]
+    rho = radius - a * phi
+    along = a - a * cosine + rho * sine
+    lateral = numbers.turn * (radius - a * sine - rho * cosine)
+    point[0] = numbers.start[0] + along * c - lateral * d
+    point[1] = numbers.start[1] + along * d + lateral * c
+    point[2] = numbers.rise * phi
 
 
 @jit
 def _find_frames(
-    phi: Floats, numbers: _Numbers, heading: tuple[Floats, Floats], climb: Floats, turning: Floats
+    phi: Floats, numbers: _Numbers, points: Floats, heading: tuple[Floats, Floats], climb: Floats, turning: Floats
 ) -> None:
-    """Write cosine and sine of the heading of an involute at the angles phi, its climb and its turning, (n,) each."""
+    """Write the points of an involute at the angles phi, (n, 3) [mm], and the frames there.
+
+    These are cosine and sine of the heading, the sine of the climb, and the turning, (n,) each.
+    """
     c, d = numbers.direction
     for k in range(phi.size):
         cosine = np.cos(phi[k])
-        sine = numbers.turn * np.sin(phi[k])
-        heading[0][k] = c * cosine - d * sine
-        heading[1][k] = d * cosine + c * sine
+        sine = np.sin(phi[k])
+        _write_point(phi[k], cosine, sine, numbers, points[k])
+        turned = numbers.turn * sine
+        heading[0][k] = c * cosine - d * turned
+        heading[1][k] = d * cosine + c * turned
         rate = max(np.hypot(numbers.radius - numbers.a * phi[k], numbers.rise), _LEAST_RATE)
         climb[k] = numbers.rise / rate
         turning[k] = numbers.turn / rate

@@ -323,7 +323,7 @@ class _Search:
         return {place: speed for place, speed in rows if speed > 0}
 
     def run(self) -> None:
-        """Simulate until the speeds stay, at most `RUNS` times."""
+        """Simulate until the speeds stay or cannot win any more, at most `RUNS` times."""
         first = self._trial(self.programmed_speeds)
         if first.usage is None:
             return
@@ -335,7 +335,7 @@ class _Search:
         is_first = True
         while len(self.trials) < RUNS:
             speeds = self._next_speeds()
-            if any(trial.speeds == speeds for trial in self.trials):
+            if any(trial.speeds == speeds for trial in self.trials) or self._is_too_slow(speeds):
                 return
             trial = self._trial(speeds)
             fails = first.outcome.burden > 0 and not trial.outcome.passes
@@ -344,6 +344,15 @@ class _Search:
             if trial.usage is not None and not is_slow_better:
                 self._model.add_run(trial.usage, self._by_stretch(speeds), _p95_usage(trial.outcome))
             is_first = False
+
+    def _is_too_slow(self, speeds: Mapping[int, float]) -> bool:
+        """Return whether a run has passed in less time than the program takes at speeds by place."""
+        passing = [trial.outcome.duration for trial in self.trials if trial.outcome.passes]
+        try:
+            shortest = self._job_at(speeds).setpoints.duration
+        except GantryError:  # its trial tells why
+            return False
+        return bool(passing) and shortest > _NEAR_SHORTEST * min(passing)
 
     def _slow_ends_are_better(self, burden: float) -> bool:
         """Run slowly where glue starts and stops, as the errors of a path may come from there; keep that if it helps.
@@ -388,10 +397,12 @@ class _Search:
     def _by_stretch(self, speeds: Mapping[int, float]) -> Floats:
         return np.array([speeds.get(place, 0.0) for place in self._stretches.places.tolist()])
 
+    def _job_at(self, speeds: Mapping[int, float]) -> Job:
+        """Return the job at speeds by place."""
+        return _with_program(self.job, self.job.controller.with_stretch_speeds(speeds)) if self.trials else self.job
+
     def _trial(self, speeds: Mapping[int, float]) -> _Trial:
-        job = self.job
-        if self.trials:
-            job = _with_program(job, job.controller.with_stretch_speeds(speeds))
+        job = self._job_at(speeds)
         flows: dict[int, float] = {}
         if self._by_line is not None:
             flows = {place: float(f"{self._by_line * speed:.{_FLOW_DIGITS}g}") for place, speed in speeds.items()}

@@ -14,7 +14,8 @@ hardly grows without it. The search ends as soon as the verdict is a pass.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations as subsets
 
@@ -141,14 +142,18 @@ class Combinations:
         needed = list(picks)
         for pick in sorted(picks, key=lambda pick: -pick.lever.effort):
             fewer = [other for other in needed if other is not pick]
-            present = self.state_of(needed).outcome.burden
-            try:
-                state = self.state_of(fewer)
-            except GantryError:
-                continue
-            if (1 - BURDEN_SHARE) * state.outcome.burden <= present:
+            if self._is_as_good(fewer, self.state_of(needed).outcome.burden / (1 - BURDEN_SHARE)):
                 needed = fewer
         return needed
+
+    def _is_as_good(self, picks: Sequence[Pick], most: float) -> bool:
+        """Return whether the burden of a combination is at most so much."""
+        try:
+            job = self.state_of(picks).job
+        except GantryError:
+            return False
+        (outcome,) = self.promising([job], lambda _: most)
+        return outcome is not None and outcome.burden <= most
 
     def act_on_all(self, levers: Iterable[Lever]) -> bool:
         """Return whether each row of the verdict that does not pass has one of these levers that acts on it."""
@@ -275,7 +280,8 @@ def _with_one_less(combinations: Combinations, picks: Sequence[Pick]) -> list[Pi
 #
 # The greedy search adds one lever after the other, so that a later one may make up for the setting of an earlier one.
 # Where the levers of its combination have few settings together, all of them are tried in smaller numbers: first those
-# that move the machine otherwise, as a motion that fails does so with every glue.
+# that move the machine otherwise, as a motion that fails does so with every glue. Where all levers are needed, one
+# setting after the other is exchanged for one with a shorter run.
 
 MOST_MOTIONS = 64  # that are simulated for a number of levers
 
@@ -292,11 +298,12 @@ def fewest_levers(
 ) -> list[Pick]:
     """Return the fewest of some levers that pass, with the settings of the shortest run.
 
-    A combination counts if it takes no longer than the present one.
+    A combination counts if it takes no longer than the present one. Numbers of levers with too many motions are passed
+    over.
 
     Args:
         combinations: of the job.
-        picks: a combination; returned as it is where it does not pass, or too many motions would be simulated.
+        picks: a combination; returned as it is where it does not pass.
         motion_of: returns a text that is the same for jobs with the same motion.
         motions_fail: returns whether the motions of jobs fail whatever the glue.
     """
@@ -304,17 +311,15 @@ def fewest_levers(
     if present.burden > 0:
         return list(picks)
     levers = [pick.lever for pick in picks]
-    for count in range(1, len(levers) + 1):
+    for count in range(1, len(levers)):
         choices = filter(combinations.act_on_all, subsets(levers, count))
         several = [_Chosen(combinations, chosen) for chosen in choices]
+        if sum(chosen.most_motions for chosen in several) > MOST_MOTIONS:
+            continue
         motions: dict[str, list[tuple[_Chosen, Candidate]]] = {}
         for chosen in several:
             for candidate in chosen.moved():
                 motions.setdefault(motion_of(candidate.job), []).append((chosen, candidate))
-            if len(motions) > MOST_MOTIONS:
-                break
-        if len(motions) > MOST_MOTIONS:
-            continue
         fails = motions_fail([group[0][1].job for group in motions.values()])
         for group, is_failing in zip(motions.values(), fails, strict=True):
             for chosen, candidate in group if not is_failing else ():
@@ -329,7 +334,55 @@ def fewest_levers(
         ]
         if passing:
             return list(possible[min(passing)[1]].picks)
-    return list(picks)
+    return _with_shortest_run(combinations, picks)
+
+
+def _with_shortest_run(combinations: Combinations, picks: Sequence[Pick]) -> list[Pick]:
+    """Return a combination that passes with other settings, of one lever after the other, while the run gets better.
+
+    Levers that move the machine come first. A setting of theirs that fails beside the others is not tried again.
+    """
+    start = combinations.state_of([])
+    best = tuple(picks)
+    is_of_glue = [_is_of_glue(_keys_of(start, pick.lever)) for pick in picks]
+    order = sorted(range(len(picks)), key=lambda k: is_of_glue[k])
+    failed: set[Pick] = set()
+    while True:
+        before = best
+        for k in order:
+            passing = _passing_settings(combinations, best, k, failed)
+            if not is_of_glue[k]:
+                settings = _settings(combinations, best[:k], best[k].lever)
+                failed |= {pick for pick in settings if pick not in passing}
+            # of equal ones the first
+            best = min(passing.values(), key=lambda found: rank(found[1]))[0]
+        if best == before:
+            return list(best)
+
+
+def _passing_settings(
+    combinations: Combinations, picks: tuple[Pick, ...], k: int, failed: Collection[Pick]
+) -> dict[Pick, tuple[tuple[Pick, ...], Outcome]]:
+    """Return the settings of a lever of a combination that pass in its place, with combination and outcome of each.
+
+    Args:
+        combinations: of the job.
+        picks: a combination that passes.
+        k: number of the lever in it.
+        failed: settings that are not tried.
+    """
+    tried: dict[Pick, Candidate] = {}
+    for pick in _settings(combinations, picks[:k], picks[k].lever):
+        others = (*picks[:k], pick, *picks[k + 1 :])
+        with suppress(GantryError):  # a later lever has no such setting there
+            if pick not in failed:
+                tried[pick] = Candidate(others, combinations.state_of(others).job)
+    outcomes = combinations.promising([candidate.job for candidate in tried.values()], lambda _: 0.0)
+    return {
+        pick: (candidate.picks, outcome)
+        for (pick, candidate), outcome in zip(tried.items(), outcomes, strict=True)
+        if outcome is not None and outcome.burden == 0
+    }
 
 
 class _Chosen:
@@ -338,6 +391,9 @@ class _Chosen:
     Args:
         combinations: of the job.
         levers: in their order.
+
+    Attributes:
+        most_motions: product of the numbers of settings of those that move the machine otherwise, for the job as it is.
     """
 
     def __init__(self, combinations: Combinations, levers: Sequence[Lever]) -> None:
@@ -348,6 +404,7 @@ class _Chosen:
         is_mixed = any(key in _OF_MOTION for changed in keys.values() for key in changed)
         self._moving = [lever for lever in levers if is_mixed or not _is_of_glue(keys[lever.name])]
         self._names = {lever.name for lever in self._moving}
+        self.most_motions = math.prod(len(_settings(combinations, (), lever)) for lever in self._moving)
         # settings of the moving levers whose motion does not fail, and all that these begin with
         self._admitted: set[tuple[str, ...]] = set()
 

@@ -28,9 +28,9 @@ from gantrysim.results.glue import laid_row
 from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import begun_path_row, limits_with, stability_row
 
-# Shares of a run after which it is judged: most paths that fail do so early. The last is for a run that has come near
+# Shares of a run after which it is judged: most paths that fail do so early. The second is for a run that has come near
 # the limit by then, as each look takes as long as the verdict on a path.
-_EARLY_SHARES = (0.08, 0.25)
+_EARLY_SHARE = 0.2
 _LATE_SHARE = 0.6
 _NEAR_LIMIT = 0.5  # of the limit
 
@@ -79,7 +79,7 @@ class Course:
 
     def _shares(self, limit: float) -> Iterator[float]:
         """Yield the shares of the run after which it is judged."""
-        yield from _EARLY_SHARES
+        yield _EARLY_SHARE
         if self.burden >= _NEAR_LIMIT * limit:
             yield _LATE_SHARE
 

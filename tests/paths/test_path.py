@@ -330,3 +330,11 @@ def test_a_trace_with_large_jumps_is_followed():
     found = circle.follow(trace, np.array([0.0, 1.0, 2.0]))
     assert found.s[:2] == pytest.approx([0, 20 * math.atan2(1, 20.1)], abs=1e-9)
     assert found.distance[2] == pytest.approx(math.hypot(1e15, 2e15), rel=1e-12)
+
+
+@given(chain=chains(), seed=st.integers(0, 2**32 - 1))
+def test_points_of_a_chain_do_not_depend_on_their_order(chain, seed):
+    path = ArcChain(*chain)
+    places = np.concatenate([[0.0], path.ends, np.linspace(0.0, path.length, 50)])
+    order = np.random.default_rng(seed).permutation(places.size)
+    np.testing.assert_array_equal(path.position(places[order]), path.position(places)[order])

@@ -36,8 +36,8 @@ def test_a_motion_is_simulated_once_and_serves_another_glue(runs):
     # glue is no matter of the motion
     assert len(set(bench.motions_fail([job, wider]))) == 1
     assert len(runs) == 1
-    # the first was known from its motion, the second from a bead laid on it
-    assert bench.task.done == 2
+    # the motion, and what each of the two shows with a bead laid on it
+    assert bench.task.done == 3
 
 
 def test_only_a_run_that_is_shown_has_a_budget_to_show():

@@ -37,7 +37,7 @@ def test_parts_of_a_run_bound_its_burden_from_below(frequency):
     while course.motion is None:
         course.advance(job, limit)
         bounds.append(course.burden)
-    assert len(bounds) == (4 if limit == 0 else 3)
+    assert len(bounds) == (3 if limit == 0 else 2)
     assert bounds == sorted(bounds)
     assert bounds[-1] == Motion.of(job).burden
     # the first corner is passed by then

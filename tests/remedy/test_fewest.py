@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gantrysim import Job
 from gantrysim.engine.simulate import records_in_parts
@@ -96,7 +98,9 @@ def test_too_many_motions_are_not_simulated():
     combinations = sums(lambda values: sum(values) >= 100, runs=runs)
     picks = [Pick(many, "60"), Pick(lever("other", 40), "40")]
     assert labels(fewest_levers(combinations, picks, lambda job: str(job.values), none_fails)) == labels(picks)
-    assert len(runs) <= 4
+    # of all in smaller numbers; one setting after the other is tried in place of the lever's
+    assert not [values for values in runs if len(values) == 1]
+    assert len(runs) <= MOST_MOTIONS + 4
 
 
 def real(text=SIDES, **tables):
@@ -174,27 +178,31 @@ def test_levers_that_leave_a_row_alone_are_not_tried_without_others():
 
 
 def test_a_motion_that_fails_is_not_tried_with_another_glue():
-    """A job of three leads, with one motion: none is measured where it fails, all are where it does not."""
-    for fails, count in ((True, 0), (False, 3)):
+    """A job of three leads, with one motion: alone none is measured where it fails, all are where it does not."""
+    for fails, count in ((True, 0), (False, 4)):
         runs = []
-        combinations = sums(lambda values: sum(values) >= 30, runs=runs)
-        leads = lever("leads", 10, 20, 30)
-        picks = [Pick(leads, "30")]
+        combinations = sums(lambda values: sum(values) >= 35, runs=runs)
+        picks = [Pick(lever("leads", 10, 20, 30), "30"), Pick(lever("other", 5), "5")]
         assert combinations.state_of(picks).outcome.burden == 0
         runs.clear()
         fewest_levers(combinations, picks, lambda job: "one motion", lambda jobs, fails=fails: [fails] * len(jobs))
-        # without the job as it is
-        assert len([values for values in runs if values]) == count
+        assert len([values for values in runs if len(values) == 1]) == count
+
+
+def glue_lever():
+    return Lever("glue", "", "", ("path",), lambda state: [Setting(str(k), {"dispenser.area": k}) for k in range(1, 5)])
 
 
 def test_the_glue_is_varied_for_motions_alone_that_do_not_fail():
-    """Of a lever of the glue and one that moves, four settings each: the one motion that holds leaves four runs."""
+    """Of a lever of the glue and one that moves, four settings each: the one motion that holds leaves four runs.
+
+    A third lever, which the other two can do without, makes it two of three.
+    """
     runs = []
     asked = []
     combinations = sums(lambda values: sum(values) >= 72, runs=runs)
-    glue = Lever("glue", "", "", ("path",), lambda state: [Setting(str(k), {"dispenser.area": k}) for k in range(1, 5)])
     moving = lever("moving", 10, 20, 30, 70)
-    picks = [Pick(glue, "4"), Pick(moving, "70")]
+    picks = [Pick(glue_lever(), "4"), Pick(moving, "70"), Pick(lever("spare", 0), "0")]
 
     def motions_fail(jobs):
         asked.append([job.values for job in jobs])
@@ -204,9 +212,52 @@ def test_the_glue_is_varied_for_motions_alone_that_do_not_fail():
     runs.clear()
     fewest = fewest_levers(combinations, picks, lambda job: str([v for v in job.values if v >= 10]), motions_fail)
     assert labels(fewest) == [("glue", "2"), ("moving", "70")]
-    # alone, where the glue's settings share the motion of the job as it is, and together
-    assert asked == [[(), (10,), (20,), (30,), (70,)], [(10,), (20,), (30,), (70,)]]
-    assert [values for values in runs if len(values) == 2] == [(k, 70) for k in range(1, 5)]
+    # alone, where the glue's settings share the motion of the job as it is, and two together
+    one, two = asked
+    assert one == [(), (10,), (20,), (30,), (70,)]
+    assert two == [(10,), (20,), (30,), (70,), (0,)]
+    assert [values for values in runs if len(values) == 2 and 70 in values and 0 not in values] == [
+        (k, 70) for k in range(1, 5)
+    ]
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_where_all_levers_are_needed_no_single_exchange_is_better(seed):
+    """Random levers and durations: of the combinations that pass, none with one other setting has a shorter run."""
+    random = np.random.default_rng(seed)
+    levers = [lever(f"lever {k}", *(10**k * np.arange(1, 4)).tolist()) for k in range(3)]
+    every = [(x, y, z) for x in (1, 2, 3) for y in (10, 20, 30) for z in (100, 200, 300)]
+    share = random.choice([0.6, 1.0])
+    passes = {values for values in every if random.random() < share}
+    durations = {values: float(random.integers(1, 6)) for values in every}
+    if not passes:
+        return
+    begin = min(passes, key=lambda values: (-durations[values], values))
+    combinations = sums(passes.__contains__, duration=lambda values: durations.get(values, 1.0))
+    picks = [Pick(one, str(value)) for one, value in zip(levers, begin, strict=True)]
+    found = fewest_levers(combinations, picks, lambda job: str(job.values), none_fails)
+    values = tuple(int(pick.setting) for pick in found)
+    assert values in passes
+    assert durations[values] <= durations[begin]
+    # what failed beside others is not tried again, so that these need not be known
+    near = [other for other in passes if sum(a != b for a, b in zip(other, values, strict=True)) == 1]
+    if passes == set(every):
+        assert all(durations[other] >= durations[values] for other in near)
+
+
+def test_of_settings_that_are_as_good_the_first_is_taken():
+    """The glue's first setting is the plainest; that of a motion with a shorter run comes before it."""
+    runs = []
+    combinations = sums(
+        lambda values: len(values) == 2 and sum(values) >= 40,
+        duration=lambda values: 2.0 if 70 in values else 1.0,
+        runs=runs,
+    )
+    picks = [Pick(glue_lever(), "4"), Pick(lever("moving", 10, 50, 70), "70")]
+    found = fewest_levers(combinations, picks, lambda job: str(job.values), none_fails)
+    assert labels(found) == [("glue", "1"), ("moving", "50")]
+    # the motion of 10 fails beside one glue, and is not tried beside others
+    assert len([values for values in runs if 10 in values and len(values) == 2]) == 1
 
 
 @pytest.mark.parametrize(

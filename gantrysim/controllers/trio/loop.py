@@ -47,17 +47,35 @@ class Phases:
         return float(self.time[-1])
 
     def position(self, t: ArrayLike) -> Floats:
-        instant = np.clip(np.asarray(t, float), 0.0, self.duration)
-        k = np.clip(np.searchsorted(self.time, instant, side="right") - 1, 0, self.speed.size - 1)
-        elapsed = instant - self.time[k]
-        distance = self.distance[k] + elapsed * (self.speed[k] + 0.5 * self.acceleration[k] * elapsed)
-        return np.minimum(distance, self.distance[k + 1])
+        instants = np.asarray(t, float)
+        places = np.empty(instants.shape)
+        columns = (self.time, self.distance, self.speed, self.acceleration)
+        _find_places(columns, np.ascontiguousarray(instants).ravel(), places.reshape(-1))
+        return places
 
     def velocity(self, t: ArrayLike) -> Floats:
         instant = np.asarray(t, float)
         k = np.clip(np.searchsorted(self.time, instant, side="right") - 1, 0, self.speed.size - 1)
         inside = (instant >= 0) & (instant <= self.duration)
         return np.where(inside, self.speed[k] + self.acceleration[k] * (instant - self.time[k]), 0.0)
+
+
+@jit
+def _find_places(phases: tuple[Floats, Floats, Floats, Floats], instants: Floats, places: Floats) -> None:
+    """Write the distances at instants, (n,) [mm]; phases are time, distance, speed and acceleration of `Phases`."""
+    time, distance, speed, acceleration = phases
+    last = speed.size - 1
+    k = 0
+    for j in range(instants.size):
+        instant = min(max(instants[j], 0.0), time[-1])
+        if instant < time[k]:
+            k = 0
+        # mostly ascending, one tick after the other
+        while k < last and time[k + 1] <= instant:
+            k += 1
+        elapsed = instant - time[k]
+        travelled = distance[k] + elapsed * (speed[k] + 0.5 * acceleration[k] * elapsed)
+        places[j] = min(travelled, distance[k + 1])
 
 
 class _Limits(NamedTuple):

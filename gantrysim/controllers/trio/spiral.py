@@ -443,11 +443,10 @@ class MoveSpiral(Controller):
         lengths = (
             np.hypot(self.passes.connected * self.radius, self._climb) * np.diff(self.passes.distance) / self.radius
         )
-        ends = np.concatenate([[0.0], np.cumsum(lengths)])
         # within a pass the ratio is constant, and the real axes advance as the virtual ones
         profile = self.passes.connect(lengths)
         setpoints = Setpoints.along(self.generated, profile, period, requested=self.requested, axes=self.axes)
-        virtual = np.interp(profile.position(setpoints.time), ends, self.passes.distance)
+        virtual = self.passes.profile.position(setpoints.time)
         return replace(setpoints, progress=np.maximum.accumulate(self._progress(virtual / self.radius)))
 
     def _progress(self, angle: Floats) -> Floats:

@@ -89,6 +89,7 @@ STATE = np.dtype(
 )
 
 _LEAST_DIVISOR = 1e-15  # speed and time constant below which MuJoCo divides by this
+_SLIDING = 80.0  # square of the speed over Stribeck's, from which friction is Coulomb's: exp(-80) is lost in rounding
 _LARGEST_VALUE = 1e10  # of what MuJoCo takes for a valid position, speed and acceleration
 
 
@@ -110,22 +111,25 @@ def drive_motor(plant, state, a, control):
         return gear * min(max(plant.gain[a] * control, plant.weakest[a]), plant.strongest[a])
     constant = plant.constant_of_motor[a]
     resistance = plant.resistance[a]
-    volts = min(max(resistance / constant * control + constant * speed, -plant.bus[a]), plant.bus[a])
+    back = constant * speed
+    volts = min(max(resistance * control / constant + back, -plant.bus[a]), plant.bus[a])
     # the current that a standing winding would come to
-    settled = volts / resistance - constant / resistance * speed
+    settled = (volts - back) / resistance
     force = constant * settled
     if plant.kind[a] == WOUND:
         current = state.current[a]
         force = constant * current
-        change = min(max((settled - current) / plant.lag[a], -plant.rate[a]), plant.rate[a])
-        state.current[a] = current + change * plant.lag[a] * (1.0 - plant.remains[a])
+        furthest = plant.rate[a] * plant.lag[a]
+        state.current[a] = current + min(max(settled - current, -furthest), furthest) * (1.0 - plant.remains[a])
     force = min(max(force, plant.weakest[a]), plant.strongest[a])
     if plant.cogging[a] != 0.0:
         force += plant.cogging[a] * np.sin(plant.teeth[a] * gear * state.place[dof] + plant.phase[a])
     if plant.stiffness[a] > 0.0:
         bristle = state.bristle[a]
         ratio = speed / max(plant.stribeck[a], _LEAST_DIVISOR)
-        level = plant.coulomb[a] + (plant.static[a] - plant.coulomb[a]) * np.exp(-ratio * ratio)
+        level = plant.coulomb[a]
+        if ratio * ratio < _SLIDING:
+            level += (plant.static[a] - plant.coulomb[a]) * np.exp(-ratio * ratio)
         rate = -plant.stiffness[a] * abs(speed) / max(level, _LEAST_DIVISOR)
         force -= plant.stiffness[a] * bristle + plant.damping[a] * (rate * bristle + speed)
         remains = np.exp(rate * plant.step)
@@ -144,6 +148,9 @@ def move(plant, state, controls, applied):
         state: its state.
         controls: of the axes, (m,) or more.
         applied: forces on their joints besides, (m,) or more [SI].
+
+    Returns:
+        Whether the state is valid: MuJoCo would warn of no number, or of one that is too large.
     """
     n = plant.dofs
     m = plant.axes
@@ -156,9 +163,17 @@ def move(plant, state, controls, applied):
         for a in range(m):
             speed += plant.push[i, a] * state.force[a]
         state.change[i] = speed - state.speed[i]
+    largest_change = _LARGEST_VALUE * plant.step
+    is_valid = True
     for i in range(n):
-        state.speed[i] += state.change[i]
-        state.place[i] += plant.step * state.speed[i]
+        change = state.change[i]
+        speed = state.speed[i] + change
+        place = state.place[i] + plant.step * speed
+        state.speed[i] = speed
+        state.place[i] = place
+        if not max(abs(place), abs(speed)) <= _LARGEST_VALUE or not abs(change) <= largest_change:
+            is_valid = False
+    return is_valid
 
 
 @jit
@@ -200,19 +215,8 @@ def follow(plant, state, row):
         for a in range(plant.axes):
             if plant.kind[a] == WOUND:
                 state.current[a] = row.winding_current[a]
-    move(plant, state, row.control_torque, row.applied)
-    if _is_lost(plant, state):
+    if not move(plant, state, row.control_torque, row.applied):
         row.lost = 1
-
-
-@jit
-def _is_lost(plant, state):
-    """Return whether the state is one that MuJoCo would warn of: no number, or too large a one."""
-    for i in range(plant.dofs):
-        largest = max(abs(state.place[i]), abs(state.speed[i]), abs(state.change[i]) / plant.step)
-        if not largest <= _LARGEST_VALUE:
-            return True
-    return False
 
 
 @jit

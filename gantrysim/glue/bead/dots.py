@@ -156,8 +156,9 @@ def _rest_demand(run: Run, settings: BeadSettings, begin: int, after: int) -> fl
     for block in blocks(after - begin):
         ticks = slice(begin + block.start, begin + block.stop)
         tips = run.commanded_tip[ticks.start : ticks.stop + 1]
-        low = np.minimum(low, tips[:, :2].min(axis=0))
-        high = np.maximum(high, tips[:, :2].max(axis=0))
+        # column by column, which is several times as fast
+        low = np.minimum(low, [tips[:, 0].min(), tips[:, 1].min()])
+        high = np.maximum(high, [tips[:, 0].max(), tips[:, 1].max()])
         if float((high - low).max()) > widest:
             return None
         still = lengths(np.diff(tips, axis=0)) <= _STANDSTILL_WAY

@@ -143,8 +143,8 @@ def _sections(bead: BeadTrace, wet: NDArray[np.bool_]) -> Sections:
         place=bead.place[wet],
         x=bead.point[wet, 0],
         y=bead.point[wet, 1],
-        cosine=np.cos(bead.heading[wet]),
-        sine=np.sin(bead.heading[wet]),
+        cosine=bead.direction[0, wet],
+        sine=bead.direction[1, wet],
         surface=surface[wet],
         top=(surface + section.height * steep)[wet],
         steep=steep[wet],
@@ -248,7 +248,7 @@ def _turns_back(bead: BeadTrace, touches: NDArray[np.intp], behind: float) -> ND
     begun = begins[np.maximum(np.searchsorted(begins, here, "right") - 1, 0)]
     stations = [np.searchsorted(bead.place, place).clip(0, bead.place.size - 1) for place in (here, here - behind)]
     now, before = stations
-    opposite = np.cos(bead.heading[now] - bead.heading[before]) < _OPPOSITE_COSINE
+    opposite = (bead.direction[:, now] * bead.direction[:, before]).sum(axis=0) < _OPPOSITE_COSINE
     apart = np.linalg.norm(bead.point[now, :2] - bead.point[before, :2], axis=1)
     return opposite & (apart < 0.5 * (bead.run.face + bead.widest)) & (here - behind >= begun)
 

@@ -195,15 +195,23 @@ class BeadTrace:
         return np.interp(np.arange(len(self.length), dtype=np.float64), analysis.ticks, error)
 
     @cached_property
+    def direction(self) -> Floats:
+        """Unit vector along the trace in plan view, x and y, (2, r)."""
+        x, y = (np.gradient(self.point[:, i]) for i in (0, 1))
+        length = np.hypot(x, y)
+        is_moving = length > 1e-9 * self.ds
+        moving = np.flatnonzero(is_moving)
+        if not moving.size:
+            return np.stack([np.ones(self.place.size), np.zeros(self.place.size)])
+        # vertical motion keeps the direction before it
+        last = moving[np.maximum(np.cumsum(is_moving) - 1, 0)]
+        return np.stack([x[last] / length[last], y[last] / length[last]])
+
+    @cached_property
     def heading(self) -> Floats:
         """Angle of the trace in plan view, not wrapped, (r,) [rad]."""
-        along = np.gradient(self.point[:, :2], axis=0)
-        moving = np.flatnonzero(np.abs(along).max(axis=1) > 1e-9 * self.ds)
-        if not moving.size:
-            return np.zeros(self.place.size)
-        # vertical motion keeps the direction before it
-        last = moving[np.maximum(np.searchsorted(moving, np.arange(self.place.size), "right") - 1, 0)]
-        return np.unwrap(np.arctan2(along[last, 1], along[last, 0]))
+        x, y = self.direction
+        return np.unwrap(np.arctan2(y, x))
 
     @cached_property
     def dots(self) -> tuple[Dot, ...]:

@@ -70,6 +70,15 @@ def on_ticks(time: Floats) -> Floats:
     return np.where(np.abs(time - near) < _EDGE * np.maximum(1.0, np.abs(near) * 1e-3), near, time)
 
 
+def ticks_and(edges: Floats, first: int, last: int) -> Floats:
+    """Return the ticks from first to last and the edges between them, each once, ascending, (k,) [periods]."""
+    ticks = np.arange(first, last + 1, dtype=np.float64)
+    # what NumPy has for sets takes several times as long as all else that a flow takes
+    between = np.sort(edges[(edges > first) & (edges < last) & (edges != np.floor(edges))], kind="stable")
+    between = between[np.diff(between, prepend=-np.inf) > 0]
+    return np.insert(ticks, np.floor(between).astype(np.intp) + 1 - first, between)
+
+
 class Material(NamedTuple):
     """Positions of the extruder at the ticks, as in `Setpoints`; None for a program without E.
 

@@ -20,7 +20,15 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, check_one_of, positive
-from gantrysim.glue.dispenser.command import NOTHING, Material, ValveTimes, on_ticks, without_e, without_output
+from gantrysim.glue.dispenser.command import (
+    NOTHING,
+    Material,
+    ValveTimes,
+    on_ticks,
+    ticks_and,
+    without_e,
+    without_output,
+)
 from gantrysim.glue.dispenser.driven import Drive, Driven, Load, Motor, driven_flow, driven_notes, loads
 from gantrysim.glue.dispenser.jet import Jet, Shots, jet_notes, shots
 from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
@@ -297,8 +305,7 @@ class Dispenser:
         before = first - 1 if self.advance and first else first
         ticks = np.arange(before, last + 1, dtype=np.float64)
         request = self._request(self._demand(speed[before : last + 1]))
-        edges = [edge[(edge >= before) & (edge <= last)] for edge in valve]
-        breaks = np.unique(np.concatenate([ticks, *edges]))
+        breaks = ticks_and(np.concatenate(valve), before, last)
         open_until_next = valve.is_open(breaks[:-1])
         value = np.where(open_until_next, request[breaks[:-1].astype(np.intp) - before], 0.0)
         if self.advance:
@@ -480,8 +487,7 @@ class Dispenser:
         if breaks[0] == 0:
             delayed = np.concatenate([[0.0], delayed])
             value = np.concatenate([[0.0], value])
-        edges = np.unique(np.concatenate([delayed, np.arange(block.start, block.stop + 1, dtype=np.float64)]))
-        edges = edges[(edges >= block.start) & (edges <= block.stop)]
+        edges = ticks_and(delayed, block.start, block.stop)
         request_index = np.minimum(np.searchsorted(delayed, edges[:-1], "right") - 1, value.size - 1)
         volume = self._volumes(period * np.diff(edges), value[request_index], state)
         period_index = edges[:-1].astype(np.intp) - block.start

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import digamma
 
 from gantrysim import InputError
+from gantrysim.glue.dispenser.command import ticks_and
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.record.setpoints import Setpoints
@@ -316,3 +317,14 @@ def test_an_invalid_needle_is_rejected():
         Needle(consistency=1e6, index=0.001)
     with pytest.raises(InputError, match="its flow at 1 kPa is inf mm³/s"):
         Needle(consistency=1e-6, index=0.001)
+
+
+@given(
+    first=st.integers(0, 20),
+    count=st.integers(1, 30),
+    edges=st.lists(st.integers(-100, 600).map(lambda twelfths: twelfths / 12), max_size=40),
+)
+def test_ticks_and_edges_are_their_union_within_the_ticks(first, count, edges):
+    last = first + count
+    union = {float(tick) for tick in range(first, last + 1)} | {edge for edge in edges if first <= edge <= last}
+    np.testing.assert_array_equal(ticks_and(np.array(edges), first, last), sorted(union))
