@@ -7,7 +7,7 @@ import pathlib
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -248,7 +248,8 @@ class Controller(ABC):
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments as plain values, omitting those that are None."""
-        return _without_none(asdict(self))  # type: ignore[call-overload]
+        arguments: dict[str, Any] = _plain(self)
+        return arguments
 
     def arguments_at(self, speed: float) -> dict[str, Any]:
         """Return the arguments that must change for the program to run at another speed, by dotted name.
@@ -280,9 +281,12 @@ class Controller(ABC):
         return False
 
 
-def _without_none(value: Any) -> Any:
+def _plain(value: Any) -> Any:
+    """Return dataclasses, dicts and tuples as dicts and lists without what is None; a job's arguments are small."""
+    if is_dataclass(value):
+        value = {item.name: getattr(value, item.name) for item in fields(value)}
     if isinstance(value, dict):
-        return {str(key): _without_none(item) for key, item in value.items() if item is not None}
+        return {str(key): _plain(item) for key, item in value.items() if item is not None}
     if isinstance(value, list | tuple):
-        return [_without_none(item) for item in value]
+        return [_plain(item) for item in value]
     return value

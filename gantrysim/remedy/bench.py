@@ -19,7 +19,7 @@ from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.course import Course, Prospect, forget_worst
-from gantrysim.remedy.outcome import Motion, Outcome, motion_key, time_before_glue
+from gantrysim.remedy.outcome import Motion, Outcome, content_key, motion_key, time_before_glue
 
 # What was computed of runs, kept as long as there is room for it.
 
@@ -154,7 +154,7 @@ class Bench:
         run = budget.analysis.run
         motion = Motion(job, run, budget if run.fault is None else None, is_shown=True)
         self._keep_motion(self.motion_key(job), motion)
-        self._keep({job.toml(): motion.outcome(job)})
+        self._keep({content_key(job): motion.outcome(job)})
 
     def shown_budget(self, job: Job) -> Budget | None:
         """Return the error budget of a job's run as it is shown; None where that is not kept, or ended in a fault."""
@@ -206,7 +206,7 @@ class Bench:
             jobs: the jobs.
             limit: returns the limit for what some of them show.
         """
-        keys = [job.toml() for job in jobs]
+        keys = [content_key(job) for job in jobs]
         missing = {key: job for key, job in zip(keys, jobs, strict=True) if key not in self._outcomes}
         known = [self._outcomes[key] for key in dict.fromkeys(keys) if key in self._outcomes]
         prospects = self._prospects(missing)
@@ -228,7 +228,7 @@ class Bench:
     def motions_fail(self, jobs: Sequence[Job]) -> list[bool]:
         """Return whether the motion of each job fails whatever its glue; a refused job has none."""
         keys = [self.motion_key(job) for job in jobs]
-        outcomes = {key: self._outcomes.get(job.toml()) for key, job in zip(keys, jobs, strict=True)}
+        outcomes = {key: self._outcomes.get(content_key(job)) for key, job in zip(keys, jobs, strict=True)}
         fails = {key: outcome.motion_burden > 0 for key, outcome in outcomes.items() if outcome is not None}
         prospects = self._prospects({key: job for key, job in zip(keys, jobs, strict=True) if key not in fails})
         with self._mapping(len(prospects)) as mapped:

@@ -349,7 +349,7 @@ class _Search:
         """Return whether a run has passed in less time than the program takes at speeds by place."""
         passing = [trial.outcome.duration for trial in self.trials if trial.outcome.passes]
         try:
-            shortest = self._job_at(speeds).setpoints.duration
+            shortest = self._bench.family.member(self._job_at(speeds)).setpoints.duration
         except GantryError:  # its trial tells why
             return False
         return bool(passing) and shortest > _NEAR_SHORTEST * min(passing)

@@ -355,7 +355,7 @@ def _with_shortest_run(combinations: Combinations, picks: Sequence[Pick]) -> lis
                 settings = _settings(combinations, best[:k], best[k].lever)
                 failed |= {pick for pick in settings if pick not in passing}
             # of equal ones the first
-            best = min(passing.values(), key=lambda found: rank(found[1]))[0]
+            best = min(passing.values(), key=lambda choice: rank(choice[1]))[0]
         if best == before:
             return list(best)
 

@@ -68,6 +68,11 @@ def least_burden(outcomes: Sequence[Outcome]) -> float:
     return min((outcome.burden for outcome in outcomes), default=math.inf)
 
 
+def content_key(job: Job) -> str:
+    """Return a text that is the same for jobs of the same content; it takes a fraction of the time of TOML."""
+    return json.dumps(job.model_dump(), sort_keys=True, default=str)
+
+
 def motion_key(job: Job, before: float | None = None) -> str:
     """Return a text that is the same for jobs with the same motion, which differ in their glue alone.
 
@@ -78,7 +83,7 @@ def motion_key(job: Job, before: float | None = None) -> str:
         before: time before the first dispensing of its program, if it is known [s].
     """
     if job.faults:
-        return job.toml()
+        return content_key(job)
     content = job.model_dump(exclude={"bead", "tolerance"})
     lead = job.dispenser.start_lead
     if lead > 0:

@@ -70,8 +70,8 @@ def on_ticks(time: Floats) -> Floats:
     return np.where(np.abs(time - near) < _EDGE * np.maximum(1.0, np.abs(near) * 1e-3), near, time)
 
 
-def ticks_and(edges: Floats, first: int, last: int) -> Floats:
-    """Return the ticks from first to last and the edges between them, each once, ascending, (k,) [periods]."""
+def cuts(edges: Floats, first: int, last: int) -> Floats:
+    """Return what cuts the time between two ticks: the ticks and the edges between, ascending, (k,) [periods]."""
     ticks = np.arange(first, last + 1, dtype=np.float64)
     # what NumPy has for sets takes several times as long as all else that a flow takes
     between = np.sort(edges[(edges > first) & (edges < last) & (edges != np.floor(edges))], kind="stable")

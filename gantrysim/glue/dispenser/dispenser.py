@@ -20,15 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, check_one_of, positive
-from gantrysim.glue.dispenser.command import (
-    NOTHING,
-    Material,
-    ValveTimes,
-    on_ticks,
-    ticks_and,
-    without_e,
-    without_output,
-)
+from gantrysim.glue.dispenser.command import NOTHING, Material, ValveTimes, cuts, on_ticks, without_e, without_output
 from gantrysim.glue.dispenser.driven import Drive, Driven, Load, Motor, driven_flow, driven_notes, loads
 from gantrysim.glue.dispenser.jet import Jet, Shots, jet_notes, shots
 from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
@@ -305,7 +297,7 @@ class Dispenser:
         before = first - 1 if self.advance and first else first
         ticks = np.arange(before, last + 1, dtype=np.float64)
         request = self._request(self._demand(speed[before : last + 1]))
-        breaks = ticks_and(np.concatenate(valve), before, last)
+        breaks = cuts(np.concatenate(valve), before, last)
         open_until_next = valve.is_open(breaks[:-1])
         value = np.where(open_until_next, request[breaks[:-1].astype(np.intp) - before], 0.0)
         if self.advance:
@@ -487,7 +479,7 @@ class Dispenser:
         if breaks[0] == 0:
             delayed = np.concatenate([[0.0], delayed])
             value = np.concatenate([[0.0], value])
-        edges = ticks_and(delayed, block.start, block.stop)
+        edges = cuts(delayed, block.start, block.stop)
         request_index = np.minimum(np.searchsorted(delayed, edges[:-1], "right") - 1, value.size - 1)
         volume = self._volumes(period * np.diff(edges), value[request_index], state)
         period_index = edges[:-1].astype(np.intp) - block.start

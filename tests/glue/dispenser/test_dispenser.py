@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import digamma
 
 from gantrysim import InputError
-from gantrysim.glue.dispenser.command import ticks_and
+from gantrysim.glue.dispenser.command import cuts
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.record.setpoints import Setpoints
@@ -324,7 +324,7 @@ def test_an_invalid_needle_is_rejected():
     count=st.integers(1, 30),
     edges=st.lists(st.integers(-100, 600).map(lambda twelfths: twelfths / 12), max_size=40),
 )
-def test_ticks_and_edges_are_their_union_within_the_ticks(first, count, edges):
+def test_edges_of_edges_are_their_union_within_the_ticks(first, count, edges):
     last = first + count
     union = {float(tick) for tick in range(first, last + 1)} | {edge for edge in edges if first <= edge <= last}
-    np.testing.assert_array_equal(ticks_and(np.array(edges), first, last), sorted(union))
+    np.testing.assert_array_equal(cuts(np.array(edges), first, last), sorted(union))
