@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from gantrysim.base import signals
 from gantrysim.cli.start import last_words
 
 from support.soaked import suite_runs
@@ -110,6 +111,8 @@ def chained(*errors):
 )
 def test_the_last_words_are_a_line_for_what_the_user_has_done(capsys, monkeypatch, error, status, told):
     monkeypatch.setattr("gantrysim.cli.start._left", ": nothing is written")
+    # those of commands that other tests have run in this process
+    signals.forget()
     if status is None:
         last_words(type(error), error, None)
     else:
