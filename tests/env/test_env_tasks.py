@@ -45,6 +45,23 @@ def test_reversals_of_a_spiral_lie_where_its_tangent_is_along_an_axis():
     assert look.curvature(inside) == pytest.approx(path.curvature(inside), abs=1e-5)
 
 
+@pytest.mark.parametrize("name", ["gantrysim/SpiralTuning-v0", "gantrysim/GainBandit-v0"])
+def test_chords_of_drawn_spirals_are_within_20_nm_of_them(name):
+    """To which contour errors are measured: half as many as an analysis takes, each off by half of that or more."""
+    env = gymnasium.make(name).unwrapped
+    for seed in range(3):
+        env.reset(seed=seed)
+        episode = env._episodes.episodes[0]
+        path = episode.simulation.setpoints.requested
+        s = episode.table.s
+        points = episode.table.points
+        assert s[0] == 0.0
+        assert s[-1] == path.length
+        sagitta = np.linalg.norm(path.position((s[1:] + s[:-1]) / 2) - (points[1:] + points[:-1]) / 2, axis=1)
+        assert 1e-5 < sagitta.min() < sagitta.max() < 2e-5 * (1 + 1e-3)
+        assert len(s) < len(path.table.s) / 2
+
+
 def test_several_paths_ahead_are_each_as_if_alone():
     """Longer and shorter paths one after another in the same place; a place without a path has zeros."""
     random = np.random.default_rng(4)
