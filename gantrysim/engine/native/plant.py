@@ -25,6 +25,7 @@ from gantrysim.base.jit import c_function, jit
 from gantrysim.engine.native.pointers import call, pointer, row_at
 from gantrysim.engine.native.tick import step
 from gantrysim.machine.row import MAX_AXES, MISSED
+from gantrysim.servo.laws.friction import UNDERFLOW
 
 SOURCE, RESISTIVE, WOUND = range(3)  # kinds of motors: of force, dcmotors without and with inductance
 
@@ -125,7 +126,9 @@ def drive_motor(plant, state, a, control):
     if plant.stiffness[a] > 0.0:
         bristle = state.bristle[a]
         ratio = speed / max(plant.stribeck[a], _LEAST_DIVISOR)
-        level = plant.coulomb[a] + (plant.static[a] - plant.coulomb[a]) * np.exp(-ratio * ratio)
+        level = plant.coulomb[a]
+        if ratio * ratio < UNDERFLOW:
+            level += (plant.static[a] - plant.coulomb[a]) * np.exp(-ratio * ratio)
         rate = -plant.stiffness[a] * abs(speed) / max(level, _LEAST_DIVISOR)
         force -= plant.stiffness[a] * bristle + plant.damping[a] * (rate * bristle + speed)
         remains = np.exp(rate * plant.step)
