@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -84,6 +84,10 @@ class Episode:
     def look(self) -> LookAhead:
         """Look-ahead along the path."""
         return self.plan.look
+
+    def parts(self) -> dict[str, Any]:
+        """Return the attributes by name, for a task's own kind of episode that has them too."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 class Chosen(NamedTuple):
