@@ -379,9 +379,12 @@ class LoopPlaces(Places):
             self._loop_part(steps, chosen)
             return
         if self._workers is None:
-            self._workers = ThreadPoolExecutor(self._threads, "loop")
-        for future in [self._workers.submit(self._loop_part, steps, chosen[k::parts].copy()) for k in range(parts)]:
-            future.result()
+            self._workers = ThreadPoolExecutor(self._threads - 1, "loop")
+        others = [self._workers.submit(self._loop_part, steps, chosen[k::parts].copy()) for k in range(1, parts)]
+        # this thread would only wait for them
+        self._loop_part(steps, chosen[::parts].copy())
+        for part in others:
+            part.result()
 
     def _loop_part(self, steps: int, numbers: NDArray[np.int64]) -> None:
         loop()(self._table.ctypes.data, numbers.ctypes.data, len(numbers), steps)
