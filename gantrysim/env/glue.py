@@ -176,6 +176,7 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
     widths.outside = 0.0
     sight.pieces = 0.0
     sight.error = 0.0
+    follows = -np.expm1(-period / glue.lag)
     for k in range(max(ticks[0], 1), ticks[1]):
         tip = log.tick[k].nozzle
         before = log.tick[k - 1].nozzle
@@ -184,7 +185,7 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
             continue
         time = k * period
         request = program.override * (program.speeds[log.tick[k - 1].setpoint] / reference) ** index
-        bead.pressure += (request - bead.pressure) * -np.expm1(-period / glue.lag)
+        bead.pressure += (request - bead.pressure) * follows
         thickness = glue.viscosity * glue.warming ** -np.expm1(-time / glue.warming_time)
         opening = glue.clog if time >= glue.clog_time else 1.0
         flow = opening * (bead.pressure / thickness) ** (1 / index)
