@@ -140,7 +140,7 @@ def drive_motor(plant, state, a, control):
 
 @jit
 def move(plant, state, controls, applied):
-    """Make a physics step.
+    """Make a physics step; return whether the state is one that MuJoCo would warn of: no number, or too large a one.
 
     Args:
         plant: the machine.
@@ -159,9 +159,17 @@ def move(plant, state, controls, applied):
         for a in range(m):
             speed += plant.push[i, a] * state.force[a]
         state.change[i] = speed - state.speed[i]
+    largest_change = _LARGEST_VALUE * plant.step
+    is_lost = False
     for i in range(n):
-        state.speed[i] += state.change[i]
-        state.place[i] += plant.step * state.speed[i]
+        change = state.change[i]
+        speed = state.speed[i] + change
+        place = state.place[i] + plant.step * speed
+        state.speed[i] = speed
+        state.place[i] = place
+        if not (abs(place) <= _LARGEST_VALUE and abs(speed) <= _LARGEST_VALUE and abs(change) <= largest_change):
+            is_lost = True
+    return is_lost
 
 
 @jit
@@ -203,19 +211,8 @@ def follow(plant, state, row):
         for a in range(plant.axes):
             if plant.kind[a] == WOUND:
                 state.current[a] = row.winding_current[a]
-    move(plant, state, row.control_torque, row.applied)
-    if _is_lost(plant, state):
+    if move(plant, state, row.control_torque, row.applied):
         row.lost = 1
-
-
-@jit
-def _is_lost(plant, state):
-    """Return whether the state is one that MuJoCo would warn of: no number, or too large a one."""
-    for i in range(plant.dofs):
-        largest = max(abs(state.place[i]), abs(state.speed[i]), abs(state.change[i]) / plant.step)
-        if not largest <= _LARGEST_VALUE:
-            return True
-    return False
 
 
 @jit
