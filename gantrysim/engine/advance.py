@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import mujoco
 import numpy as np
@@ -26,6 +26,26 @@ MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer
 _MOST_IN_PYTHON = 1000  # the same with a law in plain Python
 
 
+class States(NamedTuple):
+    """States of several simulations: all that steps change besides the log.
+
+    Attributes:
+        physics: of MuJoCo and of the servo, (n, size).
+        drives: (n, axes) of `DRIVE`; None where none has a state.
+        laws: (n, axes) of `LAW`; None where none has a state.
+    """
+
+    physics: Floats
+    drives: NDArray[np.void] | None
+    laws: NDArray[np.void] | None
+
+    def where(self, chosen: NDArray[np.bool_]) -> States:
+        """Return the states of those simulations that a mask chooses, (n,)."""
+        drives = None if self.drives is None else self.drives[chosen]
+        laws = None if self.laws is None else self.laws[chosen]
+        return States(self.physics[chosen], drives, laws)
+
+
 class Steps(Protocol):
     """What steps simulations, by number.
 
@@ -45,14 +65,11 @@ class Steps(Protocol):
     def stops(self, numbers: Numbers) -> NDArray[np.int64]:
         """Return where the stops of their axes are, see `gantrysim.machine.row`, (numbers,)."""
 
-    def with_state(self, numbers: Numbers) -> list[int]:
-        """Return those whose drives or laws have a state."""
+    def states(self, numbers: Numbers) -> States:
+        """Return copies of the states of some of them."""
 
-    def states(self, numbers: Numbers) -> Floats:
-        """Return copies of MuJoCo's states, (numbers, size)."""
-
-    def set_states(self, states: Floats, numbers: Numbers) -> None:
-        """Set MuJoCo's states, and forget its warnings."""
+    def set_states(self, states: States, numbers: Numbers) -> None:
+        """Set the states of some of them, and forget MuJoCo's warnings."""
 
 
 def step_or_take_back(simulated: Steps, runs: Mapping[int, Started], steps: int, numbers: Numbers) -> None:
@@ -69,7 +86,6 @@ def step_or_take_back(simulated: Steps, runs: Mapping[int, Started], steps: int,
         raise GantryError("the simulation was interrupted while it was rewound from a stop: start it again")
     without = numbers[stops == NOT_IN_MODEL]
     states = simulated.states(without)
-    others = {number: runs[number].state() for number in simulated.with_state(without)}
     missed = without[:0]
     try:
         simulated.step(steps, numbers)
@@ -77,11 +93,9 @@ def step_or_take_back(simulated: Steps, runs: Mapping[int, Started], steps: int,
         is_missed = simulated.stops(without) == MISSED
         if is_missed.any():
             missed = without[is_missed]
-            simulated.set_states(states[is_missed], missed)
+            simulated.set_states(states.where(is_missed), missed)
             for number in missed.tolist():
                 runs[number].stop_at_stops()
-                if number in others:
-                    runs[number].set_state(others[number])
     if missed.size:
         simulated.step(steps, missed)
 
@@ -172,20 +186,22 @@ class Stepper:
         """Return where the stops of the axes are, or nothing where no number is given."""
         return np.full(len(numbers), self.run.row["stops"], np.int64)
 
-    def with_state(self, numbers: Numbers) -> list[int]:
-        """Return the numbers if the drives or laws have a state."""
-        return numbers.tolist() if self.run.has_state else []
-
-    def states(self, numbers: Numbers) -> Floats:
-        """Return MuJoCo's state, or nothing where no number is given."""
+    def states(self, numbers: Numbers) -> States:
+        """Return a copy of the state, or nothing where no number is given."""
         size = mujoco.mj_stateSize(self.run.model, _STATE)
-        states = np.empty((len(numbers), size))
-        for state in states:
+        physics = np.empty((len(numbers), size))
+        for state in physics:
             mujoco.mj_getState(self.run.model, self.data, state, _STATE)
-        return states
+        drives, laws = (
+            None if part is None else part[None, :].repeat(len(numbers), 0) for part in (self.run.drives, self.run.laws)
+        )
+        return States(physics, drives, laws)
 
-    def set_states(self, states: Floats, _: Numbers) -> None:
-        """Set MuJoCo's state, and forget its warnings."""
+    def set_states(self, states: States, _: Numbers) -> None:
+        """Set the state, and forget MuJoCo's warnings."""
         mujoco.mj_resetData(self.run.model, self.data)
-        for state in states:
+        for state in states.physics:
             mujoco.mj_setState(self.run.model, self.data, state, _STATE)
+        for part, before in ((self.run.drives, states.drives), (self.run.laws, states.laws)):
+            if part is not None and before is not None:
+                part[:] = before[0]

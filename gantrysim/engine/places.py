@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 from gantrysim.base import signals
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, whole_number
-from gantrysim.engine.advance import MOST_STEPS, Numbers, advance, step_or_take_back
+from gantrysim.engine.advance import MOST_STEPS, Numbers, States, advance, step_or_take_back
+from gantrysim.engine.drives import DRIVE
 from gantrysim.engine.linear import Engine, Linear, linear_machine
 from gantrysim.engine.native.callback import Interrupted, installed_tick
 from gantrysim.engine.native.plant import PLACE, STATE, loop
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.row import IN_MODEL, NEVER, ROW, ROW_NUMBERS, Log
+from gantrysim.machine.row import IN_MODEL, LAW, NEVER, ROW, ROW_NUMBERS, Log
 from gantrysim.machine.travel import has_no_constraints_but_stops
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
@@ -74,8 +75,12 @@ class Places(ABC):
         self._plain = np.zeros(places, bool)
         # physics step at which the model changes next
         self._next_change = np.full(places, NEVER, np.int64)
-        # whether drives or laws have a state
-        self._stateful = np.zeros(places, bool)
+        axes = len(machine.plain_axes)
+        # states of drives and laws, used at places that have any
+        self._drives = np.zeros((places, axes), DRIVE)
+        self._laws = np.zeros((places, axes), LAW)
+        self._has_drives = np.zeros(places, bool)
+        self._has_laws = np.zeros(places, bool)
         self._source = machine.source
         self._loaded: dict[int, Simulation] = {}
         self.runs: dict[int, Started] = {}
@@ -97,10 +102,13 @@ class Places(ABC):
         for place, simulation in simulations.items():
             # kept alive before its row is armed with addresses of its arrays
             self._loaded[place] = simulation
-            self.runs[place] = Started.of(simulation, self._qpos(place), self._userdata[place])
+            self.runs[place] = Started.of(
+                simulation, self._qpos(place), self._userdata[place], self._drives[place], self._laws[place]
+            )
             self._plain[place] = self.runs[place].plain
             self._next_change[place] = self.runs[place].next_change
-            self._stateful[place] = self.runs[place].has_state
+            self._has_drives[place] = self.runs[place].drives is not None
+            self._has_laws[place] = self.runs[place].laws is not None
 
     @abstractmethod
     def _clear(self, simulations: Mapping[int, Simulation]) -> None:
@@ -118,13 +126,29 @@ class Places(ABC):
     def step(self, steps: int, numbers: Numbers) -> None:
         """Make physics steps of the simulations at some places."""
 
-    @abstractmethod
-    def states(self, numbers: Numbers) -> Floats:
-        """Return copies of the states at some places, (places, size)."""
+    def states(self, numbers: Numbers) -> States:
+        """Return copies of the states at some places."""
+        return States(
+            self._physics(numbers),
+            self._drives[numbers] if self._has_drives[numbers].any() else None,
+            self._laws[numbers] if self._has_laws[numbers].any() else None,
+        )
+
+    def set_states(self, states: States, numbers: Numbers) -> None:
+        """Set the states at some places, and forget MuJoCo's warnings."""
+        self._set_physics(states.physics, numbers)
+        if states.drives is not None:
+            self._drives[numbers] = states.drives
+        if states.laws is not None:
+            self._laws[numbers] = states.laws
 
     @abstractmethod
-    def set_states(self, states: Floats, numbers: Numbers) -> None:
-        """Set the states at some places, and forget MuJoCo's warnings."""
+    def _physics(self, numbers: Numbers) -> Floats:
+        """Return copies of the states of MuJoCo and of the servo at some places, (places, size)."""
+
+    @abstractmethod
+    def _set_physics(self, states: Floats, numbers: Numbers) -> None:
+        """Set these states, and forget MuJoCo's warnings."""
 
     def moment(self, place: int) -> Moment:
         """Return a copy of the present moment of the simulation at a place.
@@ -137,7 +161,7 @@ class Places(ABC):
             raise GantryError("a run whose log is in a file cannot be copied")
         log = run.simulation.log.until(run.ticks)
         return Moment(
-            physics=self.states(np.array([place]))[0],
+            physics=self._physics(np.array([place]))[0],
             log=Log(log.tick.copy(), log.axis.copy()),
             drives=None if run.drives is None else run.drives.copy(),
             laws=None if run.laws is None else run.laws.copy(),
@@ -149,7 +173,7 @@ class Places(ABC):
         self.load({place: simulation})
         run = self.runs[place]
         of_process = {name: run.row[name] for name in _OF_PROCESS}
-        self.set_states(moment.physics[None], np.array([place]))
+        self._set_physics(moment.physics[None], np.array([place]))
         for name, value in of_process.items():
             run.row[name] = value
         if run.drives is not None:
@@ -218,10 +242,6 @@ class Places(ABC):
         """Return where the stops of the axes are at some places, see `gantrysim.machine.row`, (places,)."""
         return np.array(self._stops[numbers])
 
-    def with_state(self, numbers: Numbers) -> list[int]:
-        """Return those of some places whose drives or laws have a state."""
-        return numbers[self._stateful[numbers]].tolist()
-
     def field(self, name: str) -> NDArray[Any]:
         """Return a field of all servos' rows, a live view of the state, (places,) and the field's own shape.
 
@@ -283,11 +303,11 @@ class MuJoCoPlaces(Places):
             self.beside()
         self._batch.step(None if len(numbers) == len(self._models) else numbers, nstep=steps)
 
-    def states(self, numbers: Numbers) -> Floats:
+    def _physics(self, numbers: Numbers) -> Floats:
         states: Floats = self._batch.state[numbers]  # a copy
         return states
 
-    def set_states(self, states: Floats, numbers: Numbers) -> None:
+    def _set_physics(self, states: Floats, numbers: Numbers) -> None:
         self._batch.reset(numbers, stage=mujoco.mjtStage.mjSTAGE_NONE)
         self._batch.state[numbers] = states
 
@@ -359,9 +379,12 @@ class LoopPlaces(Places):
             self._loop_part(steps, chosen)
             return
         if self._workers is None:
-            self._workers = ThreadPoolExecutor(self._threads, "loop")
-        for future in [self._workers.submit(self._loop_part, steps, chosen[k::parts].copy()) for k in range(parts)]:
-            future.result()
+            self._workers = ThreadPoolExecutor(self._threads - 1, "loop")
+        others = [self._workers.submit(self._loop_part, steps, chosen[k::parts].copy()) for k in range(1, parts)]
+        # this thread would only wait for them
+        self._loop_part(steps, chosen[::parts].copy())
+        for part in others:
+            part.result()
 
     def _loop_part(self, steps: int, numbers: NDArray[np.int64]) -> None:
         loop()(self._table.ctypes.data, numbers.ctypes.data, len(numbers), steps)
@@ -380,10 +403,10 @@ class LoopPlaces(Places):
         linear.read(state, data)
         self._userdata[place] = data.userdata[:ROW_NUMBERS]
 
-    def states(self, numbers: Numbers) -> Floats:
+    def _physics(self, numbers: Numbers) -> Floats:
         return self._numbers[numbers]
 
-    def set_states(self, states: Floats, numbers: Numbers) -> None:
+    def _set_physics(self, states: Floats, numbers: Numbers) -> None:
         self._numbers[numbers] = states
         for place in numbers.tolist():
             self._at_stops.pop(place, None)

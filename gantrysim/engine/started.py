@@ -55,19 +55,34 @@ class Started:
     bodies: tuple[tuple[str, Body | None], ...] = ()
 
     @classmethod
-    def of(cls, simulation: Simulation, qpos: Floats, userdata: Floats) -> Started:
-        """Write the start, at the first setpoint, into a fresh state's qpos and userdata; arm the servo."""
+    def of(
+        cls,
+        simulation: Simulation,
+        qpos: Floats,
+        userdata: Floats,
+        drives: NDArray[np.void] | None = None,
+        laws: NDArray[np.void] | None = None,
+    ) -> Started:
+        """Write the start, at the first setpoint, into a fresh state; arm the servo.
+
+        Args:
+            simulation: the simulation.
+            qpos: of the state.
+            userdata: of the state.
+            drives: for the state of the drives, (axes,) of `DRIVE`; by default a new array.
+            laws: for the state of the laws, (axes,) of `LAW`; by default a new array.
+        """
         start, prepared = simulation.start
         qpos[:] = start
         userdata[:ROW_NUMBERS] = prepared
         row = userdata[:ROW_NUMBERS].view(ROW)[0]
         row["stops"] = IN_MODEL if simulation.stops else NOT_IN_MODEL
         simulation.book.begin(row)
-        drives = None if simulation.drives is None else simulation.drives.copy()
+        drives = _begun(simulation.drives, drives)
         if drives is not None:
             for name in ("start", "target", "next"):
                 drives["field"][name] = simulation.position[0]
-        laws = None if simulation.laws is None else simulation.laws.copy()
+        laws = _begun(simulation.laws, laws)
         stages = [
             *simulation.injection.stages(),
             *drive_stages(simulation.servo, drives),
@@ -116,21 +131,6 @@ class Started:
     def stop_at_stops(self) -> None:
         """Step a model with the stops of the axes from now on."""
         self.row["stops"] = IN_MODEL
-
-    @property
-    def has_state(self) -> bool:
-        """Whether steps change anything besides MuJoCo's state and the log."""
-        return self.drives is not None or self.laws is not None
-
-    def state(self) -> tuple[NDArray[np.void] | None, ...]:
-        """Return a copy of what steps change besides MuJoCo's state and the log."""
-        return tuple(None if part is None else part.copy() for part in (self.drives, self.laws))
-
-    def set_state(self, state: tuple[NDArray[np.void] | None, ...]) -> None:
-        """Restore `state`."""
-        for part, before in zip((self.drives, self.laws), state, strict=True):
-            if part is not None:
-                part[:] = before
 
     @property
     def next_change(self) -> int:
@@ -216,6 +216,16 @@ class Started:
             # the tick at which it diverged has no position to record
             ticks -= 1
         return simulation.book.record(ticks, fault, every)
+
+
+def _begun(start: NDArray[np.void] | None, state: NDArray[np.void] | None) -> NDArray[np.void] | None:
+    """Return an array for a state, by default a new one, with what it is at the start; None where there is no state."""
+    if start is None:
+        return None
+    if state is None:
+        return start.copy()
+    state[:] = start
+    return state
 
 
 def _supervision_stages(simulation: Simulation) -> list[Stage]:

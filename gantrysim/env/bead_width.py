@@ -7,8 +7,8 @@ override. `gantrysim.env.glue` lays the bead piece by piece, and a camera some w
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.env.decision import Entry, EpisodeState, Outcome
-from gantrysim.env.episode_batch import EpisodeBatch
+from gantrysim.env.episode_batch import EpisodeBatch, addresses_of
 from gantrysim.env.episodes import Episode, Source
-from gantrysim.env.glue import BEAD, LAYING, PIECE, PIECES, SIGHT, WIDTHS, Camera, LaidBead, lay_at_places
+from gantrysim.env.glue import LAYING, NOISES, PIECE, PIECES, WIDTHS, laying_stage
 from gantrysim.env.look_ahead import LimitedSpeed, PathsAhead, Rows, ahead_entries
 from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE_VALUES, RandomValue
 from gantrysim.env.scalar import PathEnv
@@ -60,8 +60,6 @@ _SEEDS = 2**53
 _WORST_ERROR = 10.0
 # penalty of an interval lost by a fault; the largest of one without is 1
 _FAULT = 2.0
-# values of the camera's noise, which it takes in turns
-_NOISES = 1024
 # what the agent knows of the width, from the camera
 _SEEN_WIDTH = np.dtype(
     [
@@ -128,11 +126,38 @@ class BeadWidthSettings(PathSettings):
         at_least("camera_noise", self.camera_noise, 0)
 
 
+@dataclass(frozen=True, eq=False)
+class BeadEpisode(Episode):
+    """An episode with glue.
+
+    Attributes:
+        speeds: commanded path speed after each setpoint, 0 after the last, where the path ends, (n,) [mm/s].
+        noise: of the camera, relative, which it takes in turns, (NOISES,).
+        flow: at each tick, over the nominal one, to be written, (log's entries,).
+    """
+
+    speeds: Floats
+    noise: Floats
+    flow: Floats
+
+
 class BeadWidthSource(Source):
     """Source of episodes with glue; on spirals the program slows down in places."""
 
+    settings: BeadWidthSettings
     values: ClassVar = {**GLUE, **SPEED, **_SEED}
     looks_ahead: ClassVar[bool] = True
+
+    def episode(self, drawn: Mapping[str, float]) -> BeadEpisode:
+        episode = super().episode(drawn)
+        simulation = episode.simulation
+        # column by column: a norm of each row takes three times as long
+        x, y, z = np.diff(simulation.machine.tip(simulation.position), axis=0).T
+        speeds = np.sqrt(x * x + y * y + z * z) / simulation.setpoints.period
+        random = np.random.default_rng(int(drawn["camera"] * _SEEDS))
+        noise = self.settings.camera_noise * random.standard_normal(NOISES)
+        flow = np.zeros(len(simulation.log.tick))
+        return BeadEpisode(**episode.parts(), speeds=np.append(speeds, 0.0), noise=noise, flow=flow)
 
     @property
     def slowest(self) -> float:
@@ -154,7 +179,6 @@ class BeadWidthBatch(EpisodeBatch):
         *EpisodeBatch.saved,
         "_override",
         "_bead",
-        "_errors",
         "_widths",
         "_sight",
         "_seen",
@@ -166,25 +190,22 @@ class BeadWidthBatch(EpisodeBatch):
         # logarithm of the override of the pressure
         self._override = np.zeros(places)
 
-        # the bead, as `gantrysim.env.glue.lay` writes it: at the nozzle, the errors of its last pieces, what was laid
-        # and seen since the last decision, and the flow at each tick of an episode
-        self._bead = np.zeros(places, BEAD)
-        self._errors = np.zeros((places, PIECES))
-        self._widths = np.zeros(places, WIDTHS)
-        self._sight = np.zeros(places, SIGHT)
-        self._flow = [np.zeros(1)] * places
+        # what is laid, with the bead at the nozzle, and what was laid and seen since the last decision
+        self._laying = np.zeros(places, LAYING)
+        self._laying["span"] = addresses_of(self._spans)
+        self._laying["flow_index"] = settings.index
+        self._laying["behind"] = round(settings.behind / PIECE)
+        self._laying["tolerance"] = settings.tolerance
+        self._bead = self._laying["before"]
+        self._widths = self._laying["widths"]
+        self._sight = self._laying["sight"]
 
         # what follows from it: what the agent knows of the width, and the widths of an episode
         self._seen = np.zeros(places, _SEEN_WIDTH)
         self._episode_widths = np.zeros(places, WIDTHS)
 
-        # of an episode: commanded speeds after each setpoint, as arrays and as rows that are zero behind their end,
-        # what is laid, and noise of the camera
-        self._speeds = [np.zeros(1)] * places
+        # commanded speeds after each setpoint of an episode, zero behind the last
         self._speed_rows = Rows(places)
-        self._laying = np.zeros(places, LAYING)
-        self._laying["row"] = [self._batch.address(place) for place in range(places)]
-        self._noise = np.zeros((places, _NOISES))
         self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
@@ -208,54 +229,58 @@ class BeadWidthBatch(EpisodeBatch):
         return [Entry("override", -1.0, 1.0, "`step`", "change of the logarithm of the pressure's override")]
 
     def _reset(self, place: int, episode: Episode) -> None:
+        assert isinstance(episode, BeadEpisode)
         super()._reset(place, episode)
         settings = self.settings
-        simulation = episode.simulation
         self._override[place] = math.log(settings.override)
-        for array in (self._bead, self._errors, self._widths, self._sight, self._seen, self._episode_widths):
+        for array in (self._bead, self._widths, self._sight, self._seen, self._episode_widths):
             array[place] = 0
+        self._speed_rows.put(place, episode.speeds)
         laying = self._laying[place]
-        self._flow[place] = np.zeros(len(simulation.log.tick))
-        laying["flow"] = self._flow[place].ctypes.data
-
-        tips = simulation.machine.tip(simulation.position)
-        speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / simulation.setpoints.period
-        # the last setpoint is where the path ends
-        self._speeds[place] = np.append(speeds, 0.0)
-        self._speed_rows.put(place, self._speeds[place])
-        laying["speeds"] = self._speeds[place].ctypes.data
-        laying["reference"] = speeds.max()
+        laying["flow"] = episode.flow.ctypes.data
+        laying["noise"] = episode.noise.ctypes.data
+        laying["speeds"] = episode.speeds.ctypes.data
+        laying["reference"] = episode.speeds.max()
         self._paths_ahead.put(place, episode.look)
 
         for name in GLUE:
             laying[name] = episode.drawn[name]
-        laying["flow_index"] = settings.index
-        random = np.random.default_rng(int(episode.drawn["camera"] * _SEEDS))
-        self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
 
     def _act(self, places: Sequence[int]) -> None:
         """Move the logarithm of the override by the action, within its range."""
         largest = math.log(self.settings.override_range)
         moved = self._override[places] + self.settings.step * self._action[places, 0]
-        self._override[places] = np.clip(moved, -largest, largest)
+        moved = np.clip(moved, -largest, largest)
+        self._override[places] = moved
+        self._laying["override"][places] = [math.exp(logarithm) for logarithm in moved.tolist()]
+
+    def _stage(self) -> int:
+        return laying_stage()
+
+    def _stage_argument(self, place: int) -> int:
+        return int(addresses_of(self._laying)[place])
 
     def _follow(self, places: NDArray[np.intp], firsts: NDArray[np.int64], lasts: NDArray[np.int64]) -> None:
-        """Lay the bead of some ticks."""
-        settings = self.settings
-        self._laying["override"] = [math.exp(logarithm) for logarithm in self._override.tolist()]
-        cameras = Camera(round(settings.behind / PIECE), self._noise, settings.tolerance)
-        laid = LaidBead(self._bead, self._errors, self._widths, self._sight, self._errors[0])
-        lay_at_places(places, (firsts, lasts), self.source.servo.period, self._laying, cameras, laid)
+        """Take the bead that is laid; count it for the episode, and look at it."""
+        self._bead[places] = self._laying["after"][places]
+        self._count_widths(places)
+        self._look_at_bead(places)
 
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         state = super().save(place, random)
-        return replace(state, values={**state.values, "flow": self._flow[place].copy()})
+        return replace(state, values={**state.values, "flow": self._flow(place).copy()})
 
     def restore(self, place: int, state: EpisodeState, random: np.random.Generator) -> None:
         values = {**state.values}
         flow = values.pop("flow")
         super().restore(place, replace(state, values=values), random)
-        self._flow[place][:] = flow
+        self._flow(place)[:] = flow
+
+    def _flow(self, place: int) -> Floats:
+        """Return the flow at each tick of the episode at a place, as `gantrysim.env.glue.lay` writes it."""
+        episode = self._episode(place)
+        assert isinstance(episode, BeadEpisode)
+        return episode.flow
 
     def record(self, place: int) -> Run:
         """Return the record of the episode at a place so far, with the flow of the agent's pressure."""
@@ -263,13 +288,7 @@ class BeadWidthBatch(EpisodeBatch):
         dispenser = self._episode(place).simulation.dispenser
         # a dispenser whose flow is proportional to the speed has an area, another one a flow
         nominal = dispenser.area * self._laying["reference"][place] if dispenser.area else dispenser.flow
-        return run.replaced(flow=np.where(run.dispense, nominal * self._flow[place][: len(run)], 0.0))
-
-    def _measure(self, stepped: NDArray[np.intp]) -> None:
-        """Lay the bead since the last decision, by `_follow`; count it for the episode, and look at it."""
-        super()._measure(stepped)
-        self._count_widths(stepped)
-        self._look_at_bead(stepped)
+        return run.replaced(flow=np.where(run.dispense, nominal * self._flow(place)[: len(run)], 0.0))
 
     def _count_widths(self, stepped: NDArray[np.intp]) -> None:
         """Add the widths since the last decision to those of the episode."""

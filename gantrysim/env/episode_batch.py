@@ -248,7 +248,7 @@ class EpisodeBatch(ABC):
         self._progress[place] = 0
         span = self._spans[place]
         self._measured_next[place] = NOT_MEASURED
-        self._batch.observe(place, measuring_stage(), self._span_address(place))
+        self._batch.observe(place, self._stage(), self._stage_argument(place))
         dispense = episode.simulation.setpoints.dispense
         self._setpoints[place] = span["count"] = len(episode.simulation.position)
         span["dispense"] = dispense.ctypes.data
@@ -367,13 +367,18 @@ class EpisodeBatch(ABC):
         The threads that step make them, but at places where a run has ended before the decision or waits at a gate.
         """
         for place in stepped[(self._measured_next != self._ticks)[stepped]].tolist():
-            measure(self._batch.address(place), self._span_address(place))
+            measure(self._batch.address(place), self._stage_argument(place), self._stage())
         firsts = self._measured[stepped]
         self._spans["before"][stepped] = self._spans["after"][stepped]
         self._follow(stepped, firsts, self._measured[stepped])
 
-    def _span_address(self, place: int) -> int:
-        return self._spans.ctypes.data + place * MEASURED_SPAN.itemsize
+    def _stage(self) -> int:
+        """Return the address of the C function that measures an interval, see `measuring_stage`."""
+        return measuring_stage()
+
+    def _stage_argument(self, place: int) -> int:
+        """Return its argument at a place."""
+        return int(addresses_of(self._spans)[place])
 
     def _follow(  # noqa: B027  most tasks have nothing of the kind
         self, places: NDArray[np.intp], firsts: NDArray[np.int64], lasts: NDArray[np.int64]

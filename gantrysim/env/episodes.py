@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -41,6 +41,9 @@ SCALED_BY = [TUNED_GAINS.index("kp"), *range(len(TUNED_GAINS))]  # of `TUNED_GAI
 SPIRAL = ("diameter", "thickness", "speed", "turns")
 _BEAD = 2.0  # cross-section of the bead on a spiral [mm²]
 _PLANS = 8  # paths kept, for spirals that do not vary and for copies of an episode
+# Points along a spiral. Distances are measured to the chords between them, and so may differ by the sagitta.
+_SPACING = 0.5  # at most [mm]
+_SAGITTA = 2e-5  # [mm]
 _ROUNDING = 1e-9
 _NEAR_PLANE = 1e-3  # height that counts as that of the plane of the spirals [mm]
 
@@ -75,12 +78,16 @@ class Episode:
     @property
     def table(self) -> Table:
         """Points along the requested path."""
-        return self.plan.setpoints.requested.table
+        return self.plan.table
 
     @property
     def look(self) -> LookAhead:
         """Look-ahead along the path."""
         return self.plan.look
+
+    def parts(self) -> dict[str, Any]:
+        """Return the attributes by name, for a task's own kind of episode that has them too."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 class Chosen(NamedTuple):
@@ -99,15 +106,27 @@ class Chosen(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The path of an episode."""
+    """The path of an episode.
+
+    Attributes:
+        setpoints: along the path.
+        dispenser: of the glue.
+        drawn: values drawn for a spiral by name; none for the path of a job.
+    """
 
     setpoints: Setpoints
     dispenser: Dispenser
     drawn: dict[str, float]
 
     @cached_property
+    def table(self) -> Table:
+        """Points along the requested path, fewer on a spiral, of which each episode has its own."""
+        path = self.setpoints.requested
+        return path.table_with(_SPACING, _SAGITTA) if self.drawn else path.table
+
+    @cached_property
     def look(self) -> LookAhead:
-        return LookAhead(self.setpoints.requested.table.points)
+        return LookAhead(self.table.points)
 
 
 class Source:

@@ -4,22 +4,27 @@ The bead is measured in pieces of its length. A piece with the volume V and the 
 the width of a sessile bead goes with its root.
 """
 
-# mypy: allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
-from numpy.typing import NDArray
+from numba import types
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
-from gantrysim.engine.native.pointers import floats_at, log_of, row_at
+from gantrysim.engine.native.pointers import floats_at, log_of, pointer, row_at
+from gantrysim.engine.native.stages import compiled_stage
+from gantrysim.env.interval import MEASURED_SPAN, measure_interval
 from gantrysim.machine.row import Log
 
 PIECE = 0.5  # length of the pieces [mm]
 PIECES = 64  # of the bead that are kept, more than lie between nozzle and camera
+NOISES = 1024  # values of the camera's noise, which it takes in turns
 
 # the bead at the nozzle
 BEAD = np.dtype(
@@ -28,6 +33,7 @@ BEAD = np.dtype(
         ("length", np.float64),  # of the current piece, laid so far [mm]
         ("volume", np.float64),  # of it [mm³]
         ("finished", np.int64),  # number of finished pieces
+        ("errors", np.float64, (PIECES,)),  # of the width of the last of them, relative, taken in turns
     ]
 )
 
@@ -88,17 +94,27 @@ class Glue(NamedTuple):
     flow_index: float
 
 
-# what is laid at a place of a batch: program and glue of its episode, with addresses of arrays
+# what is laid at a place in an interval, with addresses of arrays
 LAYING = np.dtype(
     [
-        ("row", np.int64),  # address of the servo's row, whose log is read
+        ("span", np.int64),  # address of the `MEASURED_SPAN` of the interval
         ("speeds", np.int64),  # address of the speeds of `Program`
         ("flow", np.int64),  # address of the flow of `LaidBead`
+        ("noise", np.int64),  # address of the noise of `Camera`, (NOISES,)
         ("reference", np.float64),  # as of `Program`
         ("override", np.float64),
         *((name, np.float64) for name in Glue._fields),
+        ("behind", np.int64),  # as of `Camera`
+        ("tolerance", np.float64),
+        ("before", BEAD),  # the interval, unchanged, as MuJoCo's steps may be taken back and made again
+        ("after", BEAD),  # it, to be written
+        ("widths", WIDTHS),  # as of `LaidBead`
+        ("sight", SIGHT),
     ]
 )
+_LAYING = numba.from_dtype(LAYING)
+_MEASURED_SPAN = numba.from_dtype(MEASURED_SPAN)
+_FLOAT = types.float64
 
 
 class Camera(NamedTuple):
@@ -120,14 +136,12 @@ class LaidBead(NamedTuple):
 
     Attributes:
         bead: at the nozzle, of `BEAD`.
-        errors: of the width of the last pieces, relative, taken in turns, (PIECES,).
         widths: of the interval, of `WIDTHS`; written.
         sight: of the interval, of `SIGHT`; written.
         flow: over the period after each tick, over the nominal one at the speed v0, (n,).
     """
 
     bead: Any
-    errors: Floats
     widths: Any
     sight: Any
     flow: Floats
@@ -151,7 +165,8 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
         camera: that measures the bead.
         laid: bead laid so far.
     """
-    bead, errors, widths, sight, flows = laid
+    bead, widths, sight, flows = laid
+    errors = bead.errors
     reference = program.reference
     period = program.period
     index = glue.flow_index
@@ -161,6 +176,7 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
     widths.outside = 0.0
     sight.pieces = 0.0
     sight.error = 0.0
+    follows = -np.expm1(-period / glue.lag)
     for k in range(max(ticks[0], 1), ticks[1]):
         tip = log.tick[k].nozzle
         before = log.tick[k - 1].nozzle
@@ -169,7 +185,7 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
             continue
         time = k * period
         request = program.override * (program.speeds[log.tick[k - 1].setpoint] / reference) ** index
-        bead.pressure += (request - bead.pressure) * -np.expm1(-period / glue.lag)
+        bead.pressure += (request - bead.pressure) * follows
         thickness = glue.viscosity * glue.warming ** -np.expm1(-time / glue.warming_time)
         opening = glue.clog if time >= glue.clog_time else 1.0
         flow = opening * (bead.pressure / thickness) ** (1 / index)
@@ -194,32 +210,36 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
             sight.error += errors[piece % PIECES] + camera.noise[piece % camera.noise.size]
 
 
-@jit
-def lay_at_places(
-    places: NDArray[np.intp],
-    ticks: tuple[NDArray[np.int64], NDArray[np.int64]],
-    period: float,
-    laying: NDArray[np.void],
-    cameras: Camera,
-    laid: LaidBead,
-) -> None:
-    """Lay the glue of some ticks at places of a batch, see `lay`.
+@cache
+def laying_stage() -> int:
+    """Return the address of a C function that measures an interval and lays its glue; its argument is that of `LAYING`.
 
-    Args:
-        places: numbers of the places, (n,).
-        ticks: the first at each of them, and the one after the last, (n,) each.
-        period: servo period [s].
-        laying: what is laid at each place of the batch, of `LAYING`.
-        cameras: as of one place, but the noise has a row for each.
-        laid: as of one place, with a row for each; its flow is not used.
+    It is the observer of a servo's row, as is that of `gantrysim.env.interval.measuring_stage`.
     """
-    firsts, lasts = ticks
-    for k in range(len(places)):
-        place = places[k]
-        here = laying[place]
-        program = Program(floats_at(here.speeds), here.reference, here.override, period)
-        camera = Camera(cameras.behind, cameras.noise[place], cameras.tolerance)
-        bead = LaidBead(
-            laid.bead[place], laid.errors[place], laid.widths[place], laid.sight[place], floats_at(here.flow)
-        )
-        lay(log_of(row_at(here.row)), (firsts[k], lasts[k]), program, here, camera, bead)
+
+    def stage(address, argument):
+        laying = numba.carray(pointer(argument, _LAYING), (1,))[0]
+        row = row_at(address)
+        span = numba.carray(pointer(laying.span, _MEASURED_SPAN), (1,))[0]
+        measure_interval(row, span)
+        _lay_interval(row, span, laying)
+
+    return compiled_stage(stage)
+
+
+@jit
+def _lay_interval(row: Any, span: Any, laying: Any) -> None:
+    """Lay the glue of the ticks of a servo's row since `before`, and write the bead after them."""
+    before = laying.before
+    after = laying.after
+    after.pressure = before.pressure
+    after.length = before.length
+    after.volume = before.volume
+    after.finished = before.finished
+    for k in range(PIECES):
+        after.errors[k] = before.errors[k]
+    program = Program(floats_at(laying.speeds), laying.reference, laying.override, row.period)
+    noise = numba.carray(pointer(laying.noise, _FLOAT), (NOISES,))
+    camera = Camera(laying.behind, noise, laying.tolerance)
+    laid = LaidBead(after, laying.widths, laying.sight, floats_at(laying.flow))
+    lay(log_of(row), (span.before.tick, row.tick), program, laying, camera, laid)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -13,12 +14,32 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 from gantrysim.engine.native.pointers import log_of, row_at, rows_at
-from gantrysim.env.friction import Changing
+from gantrysim.env.episodes import Episode
+from gantrysim.env.friction import Changing, model_torques
 from gantrysim.env.ranges import NOT_NEGATIVE, RandomValue
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.row import Log
 
 MOST_PAYLOAD = 4.0  # payload after a change [kg]
+
+
+class Motion(NamedTuple):
+    """Motion of the setpoints.
+
+    Attributes:
+        sliding: torque of the nominal friction, (n, axes) [N·m].
+        moved: dDPOS, (n, axes) [mm or deg].
+    """
+
+    sliding: Floats
+    moved: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadEpisode(Episode):
+    """An episode with the motion for the fit of its inertia."""
+
+    motion: Motion
 
 
 class ChangingPayload(Changing):
@@ -36,22 +57,17 @@ class ChangingPayload(Changing):
     def change(self, drawn: Mapping[str, float]) -> Perturbation:
         return Perturbation(payload=drawn["payload_later"] - drawn.get("payload_kg", 0.0))
 
+    def episode(self, drawn: Mapping[str, float]) -> PayloadEpisode:
+        episode = super().episode(drawn)
+        position = episode.simulation.position
+        sliding, _ = model_torques(self.machine.axes, position, self.servo.period)
+        moved = np.diff(position, axis=0, prepend=position[:1])
+        return PayloadEpisode(**episode.parts(), motion=Motion(sliding, moved))
+
 
 # of the fit, by axis: sums of products of torques of inertia J, of friction F, and of the demand without viscous
 # friction D, and these three after the low pass
 SUMS = np.dtype([(name, np.float64) for name in ("JJ", "JF", "FF", "JD", "FD", "J", "F", "D")])
-
-
-class Motion(NamedTuple):
-    """Motion of the setpoints.
-
-    Attributes:
-        sliding: torque of the nominal friction, (n, axes) [N·m].
-        moved: dDPOS, (n, axes) [mm or deg].
-    """
-
-    sliding: Floats
-    moved: Floats
 
 
 class Nominal(NamedTuple):

@@ -79,7 +79,9 @@ _AXIS_VALUES = numba.from_dtype(AXIS_VALUES)
 _OCTET = types.uint8
 _FLOAT = types.float64
 
-_CHORD = 8  # points of the path to either side of a foot, over which heading and curvature are taken
+# points of the path to either side of a foot, over which heading and curvature are taken: 0.3 to 0.7 mm on the drawn
+# spirals of all tasks, 0.4 mm on a straight path
+_CHORD = 8
 
 
 class _Laid(NamedTuple):
@@ -122,28 +124,29 @@ def measuring_stage() -> int:
     """
 
     def stage(address, argument):
-        _measure(row_at(address), numba.carray(pointer(argument, _MEASURED_SPAN), (1,))[0])
+        measure_interval(row_at(address), numba.carray(pointer(argument, _MEASURED_SPAN), (1,))[0])
 
     return compiled_stage(stage)
 
 
 @cache
-def _measuring() -> Any:
-    return ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)(measuring_stage())
+def _observer(stage: int) -> Any:
+    return ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)(stage)
 
 
-def measure(row: int, span: int) -> None:
-    """Measure an interval, see `measuring_stage`.
+def measure(row: int, argument: int, stage: int | None = None) -> None:
+    """Measure an interval now, on this thread.
 
     Args:
         row: address of the servo's row, whose log is read.
-        span: address of the `MEASURED_SPAN`.
+        argument: of the stage: by default the address of the `MEASURED_SPAN`.
+        stage: address of a C function such as `measuring_stage`, the default.
     """
-    _measuring()(row, span)
+    _observer(measuring_stage() if stage is None else stage)(row, argument)
 
 
 @jit
-def _measure(row, span):
+def measure_interval(row, span):
     """Measure the ticks of a servo's row since `before`, and write values and progress after them."""
     axes = row.axes
     first = span.before.tick

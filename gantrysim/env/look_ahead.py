@@ -19,7 +19,9 @@ from gantrysim.base.jit import jit
 from gantrysim.engine.native.pointers import floats_at
 from gantrysim.env.decision import Entry
 
-_DIRECTION_POINTS = 8  # points over which the direction of the path is taken
+# points over which the direction of the path is taken: 0.3 to 0.7 mm on the drawn spirals of all tasks, 0.4 mm on a
+# straight path
+_DIRECTION_POINTS = 8
 
 
 class Rows:
@@ -220,6 +222,7 @@ class LimitedSpeed:
         self._s = s
         self._v = np.sqrt(np.maximum(square, 0.0))
         self._t = np.concatenate([[0.0], np.cumsum(2 * np.diff(s) / (self._v[1:] + self._v[:-1]))])
+        self._slope = np.diff(self._v) / np.diff(self._t)
 
     @property
     def length(self) -> float:
@@ -232,9 +235,8 @@ class LimitedSpeed:
     def _parts(self, t: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
         """Return arc length and speed at the begin of the stretches, the time since then, and their acceleration."""
         time = np.clip(np.asarray(t, float), 0.0, self.duration)
-        k = np.clip(np.searchsorted(self._t, time, "right") - 1, 0, len(self._t) - 2)
-        slope = (self._v[k + 1] - self._v[k]) / (self._t[k + 1] - self._t[k])
-        return self._s[k], self._v[k], time - self._t[k], slope
+        k = np.searchsorted(self._t[1:-1], time, "right")
+        return self._s[k], self._v[k], time - self._t[k], self._slope[k]
 
     def position(self, t: ArrayLike) -> Floats:
         s, v, since, slope = self._parts(t)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -114,8 +114,7 @@ class SpeedOverrideSource(ChangingFriction):
             track = Track.of(self.machine, asked, asked.progress)
         else:
             track = self._job_track
-        values = {field.name: getattr(episode, field.name) for field in fields(episode)}
-        return TrackedEpisode(**values, track=track)
+        return TrackedEpisode(**episode.parts(), track=track)
 
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
         """Return a simulation that rests at the start of the path, with room for the setpoints of an episode."""

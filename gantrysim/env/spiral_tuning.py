@@ -13,15 +13,14 @@ from gantrysim.base.errors import InputError, between, finite, positive
 from gantrysim.env.decision import Entry, Outcome, following_entries
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
-from gantrysim.env.friction import model_torques
 from gantrysim.env.inertia import (
     MOST_PAYLOAD,
     MOTIONS,
     SUMS,
     ChangingPayload,
     Decay,
-    Motion,
     Nominal,
+    PayloadEpisode,
     fit_at_places,
     next_motion_at_places,
     ratios,
@@ -149,10 +148,9 @@ class SpiralTuningBatch(EpisodeBatch):
         # tick from which the payload is another one, and its mass [kg]
         self._change = np.zeros(places, np.int64)
         self._payload_later = np.zeros(places)
-        # motion for the fit by its addresses, and the arrays, kept alive
+        # motion for the fit, by the addresses of its arrays
         self._motions = np.zeros(places, MOTIONS)
         self._motions["row"] = [self._batch.address(place) for place in range(places)]
-        self._motion: list[Motion | None] = [None] * places
         self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
@@ -188,15 +186,11 @@ class SpiralTuningBatch(EpisodeBatch):
         return [Entry(name, -1.0, 1.0, "`step`", f"change of the logarithm of {name}") for name in TUNED_GAINS]
 
     def _reset(self, place: int, episode: Episode) -> None:
+        assert isinstance(episode, PayloadEpisode)
         super()._reset(place, episode)
-        axes = self.source.machine.axes
-        position = episode.simulation.position
-        sliding, _ = model_torques(axes, position, self.source.servo.period)
-        moved = np.diff(position, axis=0, prepend=position[:1])
-        self._motion[place] = Motion(sliding, moved)
         motion = self._motions[place]
-        motion["sliding"] = sliding.ctypes.data
-        motion["moved"] = moved.ctypes.data
+        motion["sliding"] = episode.motion.sliding.ctypes.data
+        motion["moved"] = episode.motion.moved.ctypes.data
         simulation = episode.simulation
         self._change[place] = -(-simulation.later[0].step // simulation.substeps)
         self._payload_later[place] = episode.drawn["payload_later"]

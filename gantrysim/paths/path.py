@@ -103,7 +103,15 @@ class Path(ABC):
 
     @cached_property
     def table(self) -> Table:
-        """Points along the path, with all corners and joints; between them evenly spaced, more densely where it bends.
+        """Points along the path from which feet on it are found; errors as of `table_with`."""
+        return self.table_with(_TABLE_SPACING, _SAGITTA)
+
+    def table_with(self, spacing: float, sagitta: float) -> Table:
+        """Return points along the path, with all corners and joints; between them evenly spaced, or denser in bends.
+
+        Args:
+            spacing: distance of neighbours along the path, at most; larger where the path has very many [mm].
+            sagitta: distance of the path from the chords between neighbours, at most; larger with the spacing [mm].
 
         Raises:
             InputError: a path too long for the table.
@@ -112,15 +120,15 @@ class Path(ABC):
             raise InputError(
                 f"path length = {self.length:.4g} mm: must be at most {_LONGEST_PATH:g} mm to find feet on it"
             )
-        count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE))
-        spacing = min(self.length / count, _WIDEST_SPACING)
+        count = int(np.clip(np.ceil(self.length / spacing), *_TABLE_SIZE))
+        size = min(self.length / count, _WIDEST_SPACING)
         edges = np.concatenate([[0.0], self.joints, [self.length]])
-        s = _divided_spans(edges, np.ceil(np.diff(edges) / spacing - _ROUNDING))
+        s = _divided_spans(edges, np.ceil(np.diff(edges) / size - _ROUNDING))
         sizes = np.diff(s)
         # of the piece on which each chord lies
         inside = _INSIDE_CHORD * sizes
         bend = np.maximum(np.abs(self.curvature(s[:-1] + inside)), np.abs(self.curvature(s[1:] - inside)))
-        sagitta = _SAGITTA * max(spacing / _TABLE_SPACING, 1.0) ** 2
+        sagitta = sagitta * max(size / spacing, 1.0) ** 2
         s = _divided_spans(s, np.minimum(np.ceil(sizes * np.sqrt(bend / (8 * sagitta))), _MOST_PARTS))
         is_corner = np.isin(s, self.corners) if self.corners.size else np.zeros(s.size, bool)
         return Table(

@@ -1,5 +1,6 @@
 """The compiled loop against MuJoCo: the same runs, but for rounding; and MuJoCo where the loop cannot be used."""
 
+import math
 import random
 from dataclasses import replace
 from itertools import pairwise
@@ -11,11 +12,12 @@ import pytest
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.base.errors import GantryError, InputError
 from gantrysim.engine.linear import difference_note, linear_machine
+from gantrysim.engine.native.plant import STATE, move
 from gantrysim.engine.places import LoopPlaces
 from gantrysim.engine.simulation import Simulation
 from gantrysim.faults import BusSag
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.machine.row import IN_MODEL, NOT_IN_MODEL
+from gantrysim.machine.row import IN_MODEL, MAX_AXES, NOT_IN_MODEL
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.setpoints import Setpoints
 
@@ -279,6 +281,31 @@ def test_a_servo_that_diverges_trips_as_in_mujoco(xy):
     runs = [simulate(xy, servo, ramp(300.0), engine=engine) for engine in ("mujoco", "loop")]
     assert runs[0].fault is not None
     assert (runs[0].fault.kind, runs[0].fault.axis) == (runs[1].fault.kind, runs[1].fault.axis)
+
+
+@pytest.mark.parametrize(
+    ("place", "speed", "force", "is_lost"),
+    [
+        (0.0, 0.0, 1e9, False),
+        (9e9, 0.0, 0.0, False),
+        (2e10, 0.0, 0.0, True),
+        (-2e10, 0.0, 0.0, True),
+        (0.0, 2e10, 0.0, True),
+        (0.0, math.nan, 0.0, True),
+        (0.0, 0.0, 1e14, True),
+        (0.0, 0.0, -1e14, True),
+    ],
+)
+def test_a_state_that_mujoco_would_warn_of_is_lost(xy, place, speed, force, is_lost):
+    """Places, speeds and accelerations beyond 1e10 m, m/s and m/s², and none that is no number."""
+    plant = linear_machine(xy, xy.stepping(xy.layout.opt.timestep, stops=False)).plant[0]
+    state = np.zeros(1, STATE)[0]
+    # of the joints that motors drive, and that no spring holds
+    driven = plant["dof"][: plant["axes"]]
+    state["place"][driven] = place
+    state["speed"][driven] = speed
+    applied = np.full(MAX_AXES, force)
+    assert move(plant, state, np.zeros(MAX_AXES), applied) == is_lost
 
 
 def test_an_engine_that_does_not_exist_is_refused(xy, servo):

@@ -45,6 +45,23 @@ def test_reversals_of_a_spiral_lie_where_its_tangent_is_along_an_axis():
     assert look.curvature(inside) == pytest.approx(path.curvature(inside), abs=1e-5)
 
 
+@pytest.mark.parametrize("name", ["gantrysim/SpiralTuning-v0", "gantrysim/GainBandit-v0"])
+def test_chords_of_drawn_spirals_are_within_20_nm_of_them(name):
+    """To which contour errors are measured: half as many as an analysis takes, each off by half of that or more."""
+    env = gymnasium.make(name).unwrapped
+    for seed in range(3):
+        env.reset(seed=seed)
+        episode = env._episodes.episodes[0]
+        path = episode.simulation.setpoints.requested
+        s = episode.table.s
+        points = episode.table.points
+        assert s[0] == 0.0
+        assert s[-1] == path.length
+        sagitta = np.linalg.norm(path.position((s[1:] + s[:-1]) / 2) - (points[1:] + points[:-1]) / 2, axis=1)
+        assert 1e-5 < sagitta.min() < sagitta.max() < 2e-5 * (1 + 1e-3)
+        assert len(s) < len(path.table.s) / 2
+
+
 def test_several_paths_ahead_are_each_as_if_alone():
     """Longer and shorter paths one after another in the same place; a place without a path has zeros."""
     random = np.random.default_rng(4)
@@ -284,6 +301,29 @@ def test_a_task_goes_on_from_a_saved_state(name):
         assert str(one[1:]) == str(two[1:])
     assert np.array_equal(env.run.commanded, other.run.commanded)
     assert np.array_equal(env.run.nozzle, other.run.nozzle)
+
+
+@pytest.mark.parametrize("engine", ["loop", "mujoco"])
+@pytest.mark.parametrize("name", [*TASKS, "gantrysim/SpiralTuning-v0"])
+def test_steps_that_are_taken_back_and_made_again_count_once(name, engine, monkeypatch):
+    """As where an axis reaches a stop that the model lacks: errors, what is fitted and the bead are of the second."""
+    env, other = (gymnasium.make(name, **SHORT, engine=engine).unwrapped for _ in range(2))
+    places = env._episodes._batch
+    step = places.step
+
+    def stepped_twice(steps, numbers):
+        states = places.states(numbers)
+        step(steps, numbers)
+        places.set_states(states, numbers)
+        step(steps, numbers)
+
+    monkeypatch.setattr(places, "step", stepped_twice)
+    assert np.array_equal(env.reset(seed=3)[0], other.reset(seed=3)[0])
+    for action in np.random.default_rng(0).uniform(-1, 1, (12, *env.action_space.shape)).astype(np.float32):
+        one = env.step(action)
+        two = other.step(action)
+        assert one[0].tobytes() == two[0].tobytes()
+        assert str(one[1:]) == str(two[1:])
 
 
 @pytest.mark.parametrize(

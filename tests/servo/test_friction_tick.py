@@ -56,3 +56,9 @@ def test_a_reversal_is_half_done_after_the_travel_of_its_stiffness():
     for _ in range(50):
         ticked([one], (velocity,))
     assert one.friction_now == pytest.approx(0.0, abs=1e-12)
+
+
+def test_friction_falls_with_the_speed_until_its_exponential_is_zero():
+    """G = 1e308 e^-(27)² N·m at 27 times the Stribeck speed; at 28 times e^-(28)² is 0, and nothing changes."""
+    row = ticked([law(1e-320, 1e308, 1.0), law(1e-320, 1e308, 1.0, now=0.25)], (27.0, -28.0))
+    assert row.compensation == [pytest.approx(1e308 * math.exp(-729.0), rel=1e-12), pytest.approx(0.0, abs=1e-300)]

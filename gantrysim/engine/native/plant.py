@@ -141,16 +141,13 @@ def drive_motor(plant, state, a, control):
 
 @jit
 def move(plant, state, controls, applied):
-    """Make a physics step.
+    """Make a physics step; return whether the state is one that MuJoCo would warn of: no number, or too large a one.
 
     Args:
         plant: the machine.
         state: its state.
         controls: of the axes, (m,) or more.
         applied: forces on their joints besides, (m,) or more [SI].
-
-    Returns:
-        Whether the state is valid: MuJoCo would warn of no number, or of one that is too large.
     """
     n = plant.dofs
     m = plant.axes
@@ -164,16 +161,16 @@ def move(plant, state, controls, applied):
             speed += plant.push[i, a] * state.force[a]
         state.change[i] = speed - state.speed[i]
     largest_change = _LARGEST_VALUE * plant.step
-    is_valid = True
+    is_lost = False
     for i in range(n):
         change = state.change[i]
         speed = state.speed[i] + change
         place = state.place[i] + plant.step * speed
         state.speed[i] = speed
         state.place[i] = place
-        if not max(abs(place), abs(speed)) <= _LARGEST_VALUE or not abs(change) <= largest_change:
-            is_valid = False
-    return is_valid
+        if not (abs(place) <= _LARGEST_VALUE and abs(speed) <= _LARGEST_VALUE and abs(change) <= largest_change):
+            is_lost = True
+    return is_lost
 
 
 @jit
@@ -215,7 +212,7 @@ def follow(plant, state, row):
         for a in range(plant.axes):
             if plant.kind[a] == WOUND:
                 state.current[a] = row.winding_current[a]
-    if not move(plant, state, row.control_torque, row.applied):
+    if move(plant, state, row.control_torque, row.applied):
         row.lost = 1
 
 

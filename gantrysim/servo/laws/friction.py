@@ -8,6 +8,10 @@ from typing import Any
 from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws.law import FEEDFORWARD, Law, LawDesign
 
+# From here on exp(-x) is 0 in double precision. A library takes several times as long there, at most steps
+# of a moving axis.
+UNDERFLOW = 746.0
+
 
 def friction_torque(last: float, velocity: float, travel: float, friction: tuple[float, ...]) -> float:
     """Return the torque of the friction at one tick [N·m].
@@ -28,7 +32,9 @@ def friction_torque(last: float, velocity: float, travel: float, friction: tuple
     coulomb, static, speed, stiffness = friction
     level = coulomb
     if speed > 0.0:
-        level += (static - coulomb) * math.exp(-((velocity / speed) ** 2))
+        square = (velocity / speed) ** 2
+        if square < UNDERFLOW:
+            level += (static - coulomb) * math.exp(-square)
     if travel == 0.0 or level <= 0.0:
         return last
     end = math.copysign(level, travel)
