@@ -21,6 +21,9 @@ own axes. `env.unwrapped.action_names` and `env.unwrapped.observation_names` lis
 
 Values measured are those of the interval since the last decision, and 0 before the first.
 
+On a spiral that is drawn, contour errors are within 2e-5 mm; distances to reversals are those between points along it,
+which are at most 0.1 mm apart on the spirals of all tasks.
+
 ## Presets of the random values
 
 `preset` names the ranges from which the values of an episode are drawn, `ranges` replaces some of them, by the names

@@ -79,7 +79,7 @@ _AXIS_VALUES = numba.from_dtype(AXIS_VALUES)
 _OCTET = types.uint8
 _FLOAT = types.float64
 
-# points of the path to either side of a foot, over which heading and curvature are taken: 0.3 to 0.7 mm on the drawn
+# points of the path to either side of a foot, over which heading and curvature are taken: 0.3 to 0.8 mm on the drawn
 # spirals of all tasks, 0.4 mm on a straight path
 _CHORD = 8
 

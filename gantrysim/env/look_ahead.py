@@ -19,7 +19,7 @@ from gantrysim.base.jit import jit
 from gantrysim.engine.native.pointers import floats_at
 from gantrysim.env.decision import Entry
 
-# points over which the direction of the path is taken: 0.3 to 0.7 mm on the drawn spirals of all tasks, 0.4 mm on a
+# points over which the direction of the path is taken: 0.3 to 0.8 mm on the drawn spirals of all tasks, 0.4 mm on a
 # straight path
 _DIRECTION_POINTS = 8
 
