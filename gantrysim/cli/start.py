@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import io
 import os
 import sys
@@ -73,13 +72,9 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # of processes that this one starts, such as a study's workers: they import nothing from the working folder either
     os.environ["PYTHONSAFEPATH"] = "1"
-    # what the imports make stays: to look through it for garbage takes a tenth of a command's time
-    gc.disable()
     with signals.ending_at_once():
         open_streams()
         from gantrysim.cli.main import main
-    gc.freeze()
-    gc.enable()
     signals.heed()
 
     global _left

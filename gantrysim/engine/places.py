@@ -375,19 +375,21 @@ class LoopPlaces(Places):
     def _loop(self, steps: int, numbers: Numbers) -> None:
         parts = min(self._threads, len(numbers), 1 + len(numbers) * steps // _WORTH_A_THREAD)
         chosen = np.ascontiguousarray(numbers, np.int64)
+        turn = np.zeros(1, np.int64)
         if parts <= 1:
-            self._loop_part(steps, chosen)
+            self._loop_part(steps, chosen, turn)
             return
         if self._workers is None:
             self._workers = ThreadPoolExecutor(self._threads - 1, "loop")
-        others = [self._workers.submit(self._loop_part, steps, chosen[k::parts].copy()) for k in range(1, parts)]
+        others = [self._workers.submit(self._loop_part, steps, chosen, turn) for _ in range(1, parts)]
         # this thread would only wait for them
-        self._loop_part(steps, chosen[::parts].copy())
+        self._loop_part(steps, chosen, turn)
         for part in others:
             part.result()
 
-    def _loop_part(self, steps: int, numbers: NDArray[np.int64]) -> None:
-        loop()(self._table.ctypes.data, numbers.ctypes.data, len(numbers), steps)
+    def _loop_part(self, steps: int, numbers: NDArray[np.int64], turn: NDArray[np.int64]) -> None:
+        """Step those of some places that no other thread has taken."""
+        loop()(self._table.ctypes.data, numbers.ctypes.data, len(numbers), steps, turn.ctypes.data)
 
     def _step_in_mujoco(self, place: int, steps: int) -> None:
         linear = self._linear[place]

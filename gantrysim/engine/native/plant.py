@@ -22,7 +22,7 @@ import numpy as np
 from numba import types
 
 from gantrysim.base.jit import c_function, jit
-from gantrysim.engine.native.pointers import call, pointer, row_at
+from gantrysim.engine.native.pointers import call, pointer, row_at, take_turn
 from gantrysim.engine.native.tick import step
 from gantrysim.machine.row import MAX_AXES, MISSED
 
@@ -251,13 +251,19 @@ _INTEGER = types.int64
 
 @cache
 def loop() -> Any:
-    """Return a C function that steps places, of: address of `PLACE` entries, of numbers, their count, and steps.
+    """Return a C function that steps places, of: address of `PLACE` entries, of numbers, their count, steps, and turn.
 
-    It holds no lock of Python's, and places may be stepped by several threads, each by one of them.
+    It holds no lock of Python's. Several threads may step places together: the turn is the address of an integer that
+    they share, 0 at the begin, by which each place is stepped by the thread that is free first.
     """
 
-    def step_places(places, numbers, count, steps):
-        for number in numba.carray(pointer(numbers, _INTEGER), (count,)):
+    def step_places(places, numbers, count, steps, turn):
+        chosen = numba.carray(pointer(numbers, _INTEGER), (count,))
+        while True:
+            taken = take_turn(turn)
+            if taken >= count:
+                return
+            number = chosen[taken]
             place = numba.carray(pointer(places, _PLACE), (number + 1,))[number]
             plant = numba.carray(pointer(place.plant, _PLANT), (1,))[0]
             state = numba.carray(pointer(place.physics, _STATE), (1,))[0]
@@ -265,4 +271,4 @@ def loop() -> Any:
             row.address = place.row
             run(plant, state, row, steps)
 
-    return c_function(step_places, types.void(types.int64, types.int64, types.int64, types.int64)).ctypes
+    return c_function(step_places, types.void(*5 * [types.int64])).ctypes

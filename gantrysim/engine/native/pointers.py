@@ -55,6 +55,19 @@ def call(context: Any, address: Any, row: Any, argument: Any) -> Any:
 
 
 @intrinsic
+def take_turn(context: Any, address: Any) -> Any:
+    """Return the integer at an address, which becomes 1 more: of several threads each gets another one."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        word = ir.IntType(64)
+        return builder.atomic_rmw(
+            "add", builder.inttoptr(args[0], word.as_pointer()), ir.Constant(word, 1), "monotonic"
+        )
+
+    return types.int64(types.int64), codegen
+
+
+@intrinsic
 def leading(context: Any, array: Any, count: Any) -> Any:
     """Return the first numbers of a contiguous array as a tuple, as many as a constant tells."""
     if not isinstance(count, types.IntegerLiteral):
