@@ -17,7 +17,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 from gantrysim.engine.native.pointers import log_of, pointer, row_at
 from gantrysim.engine.native.stages import compiled_stage
-from gantrysim.paths.nearest import Table, chord_at, nearest_chord, remembered_lag, stretch, to_chord
+from gantrysim.paths.nearest import Table, chord_near, nearest_chord, remembered_lag, stretch, to_chord
 
 # what is measured between two decisions, see `IntervalValues`: of the path, and of each axis
 PATH_VALUES = np.dtype(
@@ -244,6 +244,7 @@ def _measure_path(path, laid, span, values):
     tips = laid.tips
     count = len(tips)
     foot = span.before.foot
+    here = foot
     lag = span.before.lag
     place = span.before.place
     square = 0.0
@@ -254,7 +255,7 @@ def _measure_path(path, laid, span, values):
         y = tips[k, 1]
         z = tips[k, 2]
         stands_for = laid.progress[k]
-        here = chord_at(s, stands_for)
+        here = chord_near(s, stands_for, here)
         share = (stands_for - s[here]) / (s[here + 1] - s[here])
         away = 0.0
         for i in range(3):
@@ -262,7 +263,8 @@ def _measure_path(path, laid, span, values):
         away = np.sqrt(away)
         lag = remembered_lag(lag, away, stands_for - place)
         place = stands_for
-        foot, along = nearest_chord(path, x, y, z, place, stretch(path, place, away, lag))
+        between = stretch(path, here, place, away, lag)
+        foot, along = nearest_chord(path, (x, y, z), (here, here), between, (place, place), 0.0)
         distance = to_chord(points, foot, x, y, z, (along, along))[0]
         u = points[foot + 1, 0] - points[foot, 0]
         v = points[foot + 1, 1] - points[foot, 1]

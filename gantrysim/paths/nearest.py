@@ -167,14 +167,8 @@ def _left_at(table, i, step, centre, radius):
 
 
 @jit
-def stretch(table, place, distance, lag):
-    """Return begin and end of the stretch of a tick about a place of the path, from d and l."""
-    return _stretch_from(table, chord_at(table[0], place), place, distance, lag)
-
-
-@jit
-def _stretch_from(table, i, place, distance, lag):
-    """Return what `stretch` does, given the chord at the place."""
+def stretch(table, i, place, distance, lag):
+    """Return begin and end of the stretch of a tick about a place of the path, on the chord i, from d and l."""
     s, points, _, _ = table
     share = _share_at(s, i, place)
     x = points[i, 0] + share * (points[i + 1, 0] - points[i, 0])
@@ -185,19 +179,11 @@ def _stretch_from(table, i, place, distance, lag):
 
 
 @jit
-def nearest_chord(table, x, y, z, place, between):
+def nearest_chord(table, point, chords, between, smooth, tightest):
     """Return the chord nearest to a point within a stretch, the nearer of two to a place on it, and its foot.
 
     The search goes outwards from the place. Chords are left out that are too near to one at a large distance to be
     nearer than the best: the distance changes by at most the way along the path.
-    """
-    start = chord_at(table[0], place)
-    return _nearest_chord_from(table, (x, y, z), (start, start), between, (place, place), 0.0)
-
-
-@jit
-def _nearest_chord_from(table, point, chords, between, smooth, tightest):
-    """Return what `nearest_chord` does, given the chord at the place, and one that may be near the point.
 
     On a smooth part of the path the distance from the point only grows where the path leads away from it, as long as it
     is less than the radius of curvature: the search ends there.
@@ -207,8 +193,8 @@ def _nearest_chord_from(table, point, chords, between, smooth, tightest):
         point: its coordinates [mm].
         chords: at the place, and near the point.
         between: begin and end of the stretch [mm].
-        smooth: corners before and behind the place [mm].
-        tightest: least radius of curvature between them [mm].
+        smooth: corners before and behind the place, or the place itself where they are not known [mm].
+        tightest: least radius of curvature between them, or 0 [mm].
     """
     s, points, _, widest = table
     x, y, z = point
@@ -295,7 +281,7 @@ def find_stretches(table, progress, furthest, stretches):
         at_tick = remembered_lag(at_tick, furthest[k, 1], progress[k] - before)
         before = progress[k]
         i = chord_near(table[0], before, i)
-        begin, end = _stretch_from(table, i, before, furthest[k, 0], at_tick)
+        begin, end = stretch(table, i, before, furthest[k, 0], at_tick)
         # the command may pass the tip of a rounded corner from one tick to the next, before its followers
         stretches[0, k] = min(begin, progress[max(k - 1, 0)]) if at_tick > 0.0 else begin
         stretches[1, k] = end
@@ -353,7 +339,7 @@ def find_feet(table, bends, trace, places, stretches, parts):
         )
         # the foot of a point is mostly near that of the point before
         point = (trace[k, 0], trace[k, 1], trace[k, 2])
-        i, share = _nearest_chord_from(table, point, (start, i), (begin, end), smooth, bends.tightest)
+        i, share = nearest_chord(table, point, (start, i), (begin, end), smooth, bends.tightest)
         # the path's tangent turns about the chord: the foot on the arc is where it is square to the way from there
         towards = 0.0
         for a in range(3):
