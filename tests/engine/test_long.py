@@ -67,7 +67,7 @@ def assert_same(ours, theirs, name=""):
             assert_same(a, b, f"{name}[{k}]")
     elif isinstance(theirs, float):
         assert ours == pytest.approx(theirs, rel=SAME, abs=1e-15), name
-    elif name == ".headline":
+    elif name == ".headline" or name.startswith(".spoilt"):
         # the lines of long programs are not known
         assert ours == re.sub(r", line \d+", "", theirs)
     else:
