@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.special import digamma
@@ -324,6 +324,8 @@ def test_an_invalid_needle_is_rejected():
     count=st.integers(1, 30),
     edges=st.lists(st.integers(-100, 600).map(lambda twelfths: twelfths / 12), max_size=40),
 )
+# twice between two ticks, at ticks, at the ends and beyond them
+@example(first=2, count=3, edges=[2.5, 2.25, 2.5, 3.0, 2.0, 5.0, 1.5, 5.5])
 def test_edges_of_edges_are_their_union_within_the_ticks(first, count, edges):
     last = first + count
     union = {float(tick) for tick in range(first, last + 1)} | {edge for edge in edges if first <= edge <= last}
