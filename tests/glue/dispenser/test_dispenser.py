@@ -326,7 +326,7 @@ def test_an_invalid_needle_is_rejected():
 )
 # twice between two ticks, at ticks, at the ends and beyond them
 @example(first=2, count=3, edges=[2.5, 2.25, 2.5, 3.0, 2.0, 5.0, 1.5, 5.5])
-def test_edges_of_edges_are_their_union_within_the_ticks(first, count, edges):
+def test_what_cuts_the_time_is_the_union_of_ticks_and_edges(first, count, edges):
     last = first + count
     union = {float(tick) for tick in range(first, last + 1)} | {edge for edge in edges if first <= edge <= last}
     np.testing.assert_array_equal(cuts(np.array(edges), first, last), sorted(union))
