@@ -1,5 +1,6 @@
 """The compiled loop against MuJoCo: the same runs, but for rounding; and MuJoCo where the loop cannot be used."""
 
+import copy
 import math
 import random
 from dataclasses import replace
@@ -11,11 +12,12 @@ import pytest
 
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.base.errors import GantryError, InputError
-from gantrysim.engine.linear import difference_note, linear_machine
+from gantrysim.engine.linear import agrees, difference_note, linear_machine, linear_with, read_responses
 from gantrysim.engine.native.plant import STATE, move
 from gantrysim.engine.places import LoopPlaces
 from gantrysim.engine.simulation import Simulation
 from gantrysim.faults import BusSag
+from gantrysim.machine.motors import CURRENT_RATE
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.row import IN_MODEL, MAX_AXES, NOT_IN_MODEL
 from gantrysim.metrics.budget import Budget
@@ -336,3 +338,15 @@ def test_a_job_says_what_makes_its_steps():
         turning.notes[-1] == f'simulation.engine = "loop": MuJoCo makes the physics steps: {TURNING["stage-outline"]}'
     )
     np.testing.assert_array_equal(loop.run().motor, Job.load("an225").run(engine="loop").motor)
+
+
+def test_a_limit_of_the_current_s_rate_is_that_of_mujoco():
+    """No built-in motor has one; with one that acts, steps from random states are MuJoCo's, and without it not."""
+    machine = Machine("xy")
+    model = copy.copy(machine.stepping(machine.layout.opt.timestep, stops=False))
+    model.actuator_dynprm[:, CURRENT_RATE] = 50.0
+    data = mujoco.MjData(model)
+    linear = linear_with(read_responses(machine, model, data), model)
+    assert agrees(machine, model, data, linear)
+    linear.plant["rate"] = np.inf
+    assert not agrees(machine, model, data, linear)
