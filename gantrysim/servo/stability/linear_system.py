@@ -257,20 +257,20 @@ class CompiledPlant(NamedTuple):
     H: Floats
 
 
-def sensitivity_peaks(plant: CompiledPlant, laws: Sequence[Compensator], poles: Complexes) -> Floats:
+def sensitivity_peaks(plant: CompiledPlant, laws: Polynomials, poles: Complexes) -> Floats:
     """Return the peak of |S| of each axis of a group of stable loops, (axes,).
 
     Args:
         plant: of these axes.
-        laws: of the axes.
+        laws: of the axes, see `polynomials_of`.
         poles: of the closed loops.
     """
-    squares = np.zeros(len(laws))
-    _find_peaks(plant, _polynomials(laws), read_only_view(poles), squares)
+    squares = np.zeros(len(laws[0]))
+    _find_peaks(plant, laws, read_only_view(poles), squares)
     return np.sqrt(squares)
 
 
-def _polynomials(laws: Sequence[Compensator]) -> tuple[Floats, Floats]:
+def polynomials_of(laws: Sequence[Compensator]) -> Polynomials:
     """Return numerators and denominators of laws by falling powers of z, all of one degree, (axes, degree + 1) each."""
     degree = max(len(law.A) for law in laws)
     numerators = np.zeros((len(laws), degree + 1))

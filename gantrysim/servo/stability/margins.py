@@ -26,6 +26,7 @@ from gantrysim.servo.stability.loops import (
     Loops,
     Margins,
     margins_of_loops,
+    peaks_of,
 )
 from gantrysim.servo.stability.motion import Drives, LinearSystem, Motion, UnknownLoopError
 
@@ -379,10 +380,14 @@ def sensitivities(plants: Sequence[Plant], servo: LinearLaw) -> Floats:
     """Return the peak of |S| of each axis on each of several plants, inf for an unstable loop, (plants, axes)."""
     law = UnheldLaws(servo.period, servo.delay, servo.compensators(), servo.loop_drives)
     peaks = np.full((len(plants), plants[0].axes), np.inf)
+    # the same axes of several plants together
+    groups: dict[tuple[tuple[int, ...], int], list[tuple[int, Loops]]] = {}
     for number, plant in enumerate(plants):
         for loops in plant.loops(law):
-            if loops.stable():
-                peaks[number, loops.system.axes] = loops.peaks()
+            groups.setdefault((loops.system.axes, len(loops.system.F)), []).append((number, loops))
+    for (axes, _), group in groups.items():
+        numbers = [number for number, _ in group]
+        peaks[np.ix_(numbers, axes)] = peaks_of([loops for _, loops in group])
     return peaks
 
 
