@@ -21,9 +21,14 @@ def dot(a: Floats, b: Floats) -> Floats:
 
 def at_rows(array: Floats, rows: NDArray[np.intp]) -> Floats:
     """Return rows of an array, (m, ...), to be read alone: a view where each row follows the one before."""
+    return array[as_slice(rows)]
+
+
+def as_slice(rows: NDArray[np.intp]) -> slice | NDArray[np.intp]:
+    """Return rows as a slice where each follows the one before, so that those of an array are a view."""
     if rows.size and rows[-1] - rows[0] == rows.size - 1 and (rows[1:] - rows[:-1] == 1).all():
-        return array[rows[0] : rows[-1] + 1]
-    return array[rows]
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+    return rows
 
 
 def lengths(vectors: Floats) -> Floats:

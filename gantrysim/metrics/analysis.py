@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, at_rows, dot, lengths, scaled_rows
-from gantrysim.base.columns import blocks, by_blocks
+from gantrysim.base.arrays import Floats, as_slice, at_rows, dot, lengths, scaled_rows
+from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
 from gantrysim.metrics.spacing import Spacing, spacing_of
@@ -62,6 +62,19 @@ class SteadyFollowing:
 
     along: ErrorSize
     normal: ErrorSize
+
+
+@dataclass(frozen=True)
+class _Following:
+    """Following error at the nozzle.
+
+    Attributes:
+        along: along the requested path's tangent, (m,) [mm].
+        normal: its size normal to it, (m,) [mm].
+    """
+
+    along: Column[Floats] = Column()
+    normal: Column[Floats] = Column()
 
 
 @dataclass(frozen=True)
@@ -124,22 +137,30 @@ class Analysis(Shown):
     def facts(self) -> dict[str, str]:
         return {**self.run.facts(), "dispensing": f"{len(self.ticks)} ticks"}
 
-    @cached_property
+    @property
     def progress(self) -> Floats:
         """Arc length along the requested path for which the command stands, (m,) [mm]."""
         stated = self.run.progress
-        if stated is not None:
-            return stated[self.ticks]
+        return self._assigned_progress if stated is None else at_rows(stated, self.ticks)
+
+    @cached_property
+    def _assigned_progress(self) -> Floats:
         return assigned_progress(self.run.requested, self.run.commanded_tip)[self.ticks]
 
     @cached_property
     def _stretches(self) -> Floats:
         """Begin and end of the stretch of the path in which all feet of a tick lie, (2, m) [mm]."""
         run = self.run
-        tips = [run.encoder_tip, run.motor_tip, run.nozzle]
+        names = ["commanded_tip", "encoder_tip", "motor_tip", "nozzle"]
         if run.geometric_tip is not None:
-            tips.append(run.geometric_tip)
-        return run.requested.stretches(run.commanded_tip, tips, self.progress, self.ticks)
+            names.append("geometric_tip")
+
+        def traces(block: slice) -> list[Floats]:
+            # columns of a long run are mapped anew for each block, as those of all traces have no room together
+            rows = as_slice(self.ticks[block])
+            return [getattr(run, name)[rows] for name in names]
+
+        return run.requested.stretches(traces, self.progress)
 
     @cached_property
     def commanded(self) -> Projection:
@@ -198,20 +219,19 @@ class Analysis(Shown):
         return path_speed(self.run)[self.ticks]
 
     @cached_property
-    def _following(self) -> Floats:
-        """Following error at the nozzle along the requested path's tangent, and its size normal to it, (2, m) [mm]."""
+    def _following(self) -> _Following:
+        """Following error at the nozzle."""
         run = self.run
-        foot = self.commanded.s
 
-        def components(block: slice) -> Floats:
-            # in blocks: a run of hours does not fit in memory beside its differences
+        def components(block: slice) -> _Following:
             ticks = self.ticks[block]
             error = at_rows(run.commanded_tip, ticks) - at_rows(run.encoder_tip, ticks)
-            tangent = run.requested.last_tangent(foot[block])
+            tangent = run.requested.last_tangent(self.commanded.s[block])
             along = dot(error, tangent)
-            return np.stack([along, lengths(error - scaled_rows(tangent, along))], axis=1)
+            return _Following(along, lengths(error - scaled_rows(tangent, along)))
 
-        return np.ascontiguousarray(by_blocks(components, self.ticks.size).T)
+        count = self.ticks.size
+        return table_by_blocks((components(block) for block in blocks(count)), count)
 
     @cached_property
     def values(self) -> AnalysisValues:
@@ -235,7 +255,7 @@ class Analysis(Shown):
         return AnalysisValues(
             spacing=Range.of(self.spacing.distance) if self.spacing.distance.size else None,
             following=following,
-            following_along=ErrorSize.of(self._following[0]),
+            following_along=ErrorSize.of(self._following.along),
             program=ErrorSize.of(self.commanded.distance),
             contour=ErrorSize.of(self.nozzle.distance),
             speed=Range.of(self.speed),
@@ -254,8 +274,9 @@ class Analysis(Shown):
     @cached_property
     def steady_following(self) -> SteadyFollowing:
         """Following error at the nozzle in the middle 90 % of the dispensing time."""
-        along, normal = self._following[:, steady(self.ticks.size)]
-        return SteadyFollowing(ErrorSize.of(along), ErrorSize.of(normal))
+        middle = steady(self.ticks.size)
+        following = self._following
+        return SteadyFollowing(ErrorSize.of(following.along[middle]), ErrorSize.of(following.normal[middle]))
 
 
 def values(run: Run) -> AnalysisValues:

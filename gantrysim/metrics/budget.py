@@ -305,13 +305,13 @@ class Budget:
         analysis = self.analysis
         run = analysis.run
         chain = [
-            Trace(analysis.commanded, run.commanded_tip, analysis.ticks),
-            Trace(analysis.encoder, run.encoder_tip, analysis.ticks),
-            Trace(analysis.motor, run.motor_tip, analysis.ticks),
+            Trace(analysis.commanded, run, "commanded_tip", analysis.ticks),
+            Trace(analysis.encoder, run, "encoder_tip", analysis.ticks),
+            Trace(analysis.motor, run, "motor_tip", analysis.ticks),
         ]
         if run.geometric_tip is not None:
-            chain.append(Trace(analysis.geometric, run.geometric_tip, analysis.ticks))
-        chain.append(Trace(analysis.nozzle, run.nozzle, analysis.ticks))
+            chain.append(Trace(analysis.geometric, run, "geometric_tip", analysis.ticks))
+        chain.append(Trace(analysis.nozzle, run, "nozzle", analysis.ticks))
         return chain
 
     @property

@@ -25,6 +25,7 @@ from gantrysim.base.quantity import PARTS, SIZES, Quantity, contents
 from gantrysim.metrics.analysis import ErrorSize, ErrorSpread
 from gantrysim.paths.corners import Components
 from gantrysim.paths.path import Path, Projection
+from gantrysim.record.run import Run
 
 CORNER = "corner"  # name of what belongs to no link
 
@@ -175,17 +176,19 @@ class Trace(NamedTuple):
 
     Attributes:
         foot: projection of the points onto the requested path, with m rows.
-        points: in the work frame, at all ticks of the run, (n, 3) [mm].
+        run: the run.
+        name: of the run's column with the points, in the work frame, (n, 3) [mm].
         ticks: the ticks that count, (m,).
     """
 
     foot: Projection
-    points: Floats
+    run: Run
+    name: str
     ticks: NDArray[np.intp]
 
     def at(self, block: slice) -> Floats:
         """Return the points at some of the ticks that count."""
-        return at_rows(self.points, self.ticks[block])
+        return at_rows(getattr(self.run, self.name), self.ticks[block])
 
 
 def links(path: Path, chain: list[Trace]) -> tuple[list[Part], Part | None]:

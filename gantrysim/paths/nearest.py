@@ -246,42 +246,42 @@ def nearest_chord(table, point, chords, between, smooth, tightest):
 
 
 @jit
-def find_furthest(trace, places, command, furthest):
-    """Raise distances to those of a trace: from places of the path, and from the command, (n, 2) [mm].
+def find_furthest(trace, places, command, squares):
+    """Raise squares of distances to those of a trace: from places of the path, and from the command, (n, 2) [mm²].
 
     Args:
         trace: points, (n, 3) [mm].
         places: at the progress of the command, (n, 3) [mm].
         command: its points, (n, 3) [mm].
-        furthest: raised.
+        squares: raised.
     """
     for k in range(len(trace)):
         x = trace[k, 0]
         y = trace[k, 1]
         z = trace[k, 2]
-        furthest[k, 0] = max(furthest[k, 0], np.sqrt(_square_to(places, k, x, y, z)))
-        furthest[k, 1] = max(furthest[k, 1], np.sqrt(_square_to(command, k, x, y, z)))
+        squares[k, 0] = max(squares[k, 0], _square_to(places, k, x, y, z))
+        squares[k, 1] = max(squares[k, 1], _square_to(command, k, x, y, z))
 
 
 @jit
-def find_stretches(table, progress, furthest, stretches):
+def find_stretches(table, progress, squares, stretches):
     """Write begin and end of the stretch of every tick.
 
     Args:
         table: along the path.
         progress: of the command, ascending, (n,) [mm].
-        furthest: distance of the furthest point from the path at the progress, and of the furthest follower from the
-            command, (n, 2) [mm].
+        squares: of the distance of the furthest point from the path at the progress, and of the furthest follower from
+            the command, (n, 2) [mm²].
         stretches: to be written, (2, n) [mm].
     """
     at_tick = 0.0
     before = progress[0]
     i = 0
     for k in range(len(progress)):
-        at_tick = remembered_lag(at_tick, furthest[k, 1], progress[k] - before)
+        at_tick = remembered_lag(at_tick, np.sqrt(squares[k, 1]), progress[k] - before)
         before = progress[k]
         i = chord_near(table[0], before, i)
-        begin, end = stretch(table, i, before, furthest[k, 0], at_tick)
+        begin, end = stretch(table, i, before, np.sqrt(squares[k, 0]), at_tick)
         # the command may pass the tip of a rounded corner from one tick to the next, before its followers
         stretches[0, k] = min(begin, progress[max(k - 1, 0)]) if at_tick > 0.0 else begin
         stretches[1, k] = end

@@ -12,7 +12,7 @@ to the left; without a climb that is the signed curvature.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -172,34 +172,28 @@ class Path(ABC):
         p = _points(trace)
         if progress is None:
             progress = assigned_progress(self, p)
-        return self.near(p, progress, self.stretches(p, [], progress))
+        return self.near(p, progress, self.stretches(lambda block: [p[block]], progress))
 
-    def stretches(
-        self, command: Floats, followers: Sequence[Floats], progress: Floats, rows: NDArray[np.intp] | None = None
-    ) -> Floats:
+    def stretches(self, traces: Callable[[slice], Sequence[Floats]], progress: Floats) -> Floats:
         """Return begin and end of the stretch in which feet lie, see `gantrysim.paths.nearest`, (2, n) [mm].
 
         Args:
-            command: its points, (m, 3) [mm].
-            followers: traces that follow it, (m, 3) each [mm]; without any the stretches are those of the command.
+            traces: returns the points of the command and of each trace that follows it, (k, 3) each, for a block of the
+                ticks [mm]; with the command alone the stretches are its own.
             progress: of the command, ascending, (n,) [mm].
-            rows: of the traces, (n,); by default all.
         """
-        if rows is None:
-            rows = np.arange(progress.size)
 
-        def distances(block: slice) -> Floats:
+        def squares(block: slice) -> Floats:
             place = self._last_position(progress[block])
-            commanded = read_only_view(at_rows(command, rows[block]))
-            furthest = np.zeros((len(commanded), 2))
-            for trace in (command, *followers):
-                points = read_only_view(at_rows(trace, rows[block]))
-                find_furthest(points, place, commanded, furthest)  # type: ignore[no-untyped-call]
+            command, *followers = map(read_only_view, traces(block))
+            furthest = np.zeros((len(command), 2))
+            for points in (command, *followers):
+                find_furthest(points, place, command, furthest)  # type: ignore[no-untyped-call]
             return furthest
 
         count = progress.size
         stretches = np.empty((2, count))
-        find_stretches(self.table, read_only_view(progress), by_blocks(distances, count), stretches)  # type: ignore[no-untyped-call]
+        find_stretches(self.table, read_only_view(progress), by_blocks(squares, count), stretches)  # type: ignore[no-untyped-call]
         return stretches
 
     @cached_property

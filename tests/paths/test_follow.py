@@ -66,7 +66,7 @@ def test_a_follower_on_the_path_is_found_behind_a_corner(inner):
     behind = np.maximum(s - 5, 0)
     command = path.position(s)
     follower = path.position(behind)
-    foot = path.near(follower, s, path.stretches(command, [follower], s))
+    foot = path.near(follower, s, path.stretches(lambda block: [command[block], follower[block]], s))
     assert foot.distance.max() < EXACT
     assert foot.s == pytest.approx(behind, abs=1e-6)
 
@@ -76,7 +76,7 @@ def test_a_follower_is_found_before_a_tip_that_its_command_has_passed_within_a_t
     path = Chain([Line((0, 0, 0), (10, 0, 0)), Line((10, 0, 0), (0, 2, 0))])
     s = np.array([9.9, 10.1])
     follower = np.array([[9.88, 0.0, 0.0], [9.93, 0.0, 0.0]])
-    foot = path.near(follower, s, path.stretches(path.position(s), [follower], s))
+    foot = path.near(follower, s, path.stretches(lambda block: [path.position(s[block]), follower[block]], s))
     assert foot.s == pytest.approx([9.88, 9.93], abs=1e-6)
     assert foot.distance.max() < EXACT
 
