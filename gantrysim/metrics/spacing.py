@@ -43,6 +43,15 @@ class Spacing:
     next_s: Column[Floats] = Column()
     link: Column[Floats] = Column()
 
+    @property
+    def rise(self) -> float:
+        """Largest difference in height between both points of a link, 0 without any [mm]."""
+        rises = 0.0
+        for block in blocks(len(self.turn)):
+            link = self.link[block]
+            rises = max(rises, float(np.abs(link[:, 1, 2] - link[:, 0, 2]).max(initial=0.0)))
+        return rises
+
 
 def spacing(path: Path, trace: ArrayLike) -> Spacing:
     """Return the distance of neighbouring turns of a trace, along the trace's own normal in the path's plane.

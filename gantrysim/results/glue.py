@@ -236,10 +236,7 @@ def _clearance_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> It
 def _climbs(bead: Bead) -> bool:
     """Return whether neighbouring turns lie at different heights."""
     asked = bead.run.requested.turn_spacing
-    if asked is None:
-        return False
-    height = bead.analysis.spacing.link[..., 2]
-    return len(height) > 0 and float(np.abs(height[:, 1] - height[:, 0]).max()) > _LEVEL_LINKS * asked
+    return asked is not None and bead.analysis.spacing.rise > _LEVEL_LINKS * asked
 
 
 def _passes_content(ploughing: Ploughing, bead: Bead) -> dict[str, Any]:

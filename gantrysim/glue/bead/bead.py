@@ -7,10 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.arrays import Floats, at_rows, read_only_view, spans
 from gantrysim.base.columns import by_blocks
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
+from gantrysim.base.jit import jit
 from gantrysim.glue.bead.height_map import HeightMap
 from gantrysim.glue.bead.layers import merging_height
 from gantrysim.glue.bead.trace import BeadTrace, cumulated_sums
@@ -91,7 +92,7 @@ class Bead(BeadTrace, Shown):
             gap_share=float(weight[clearance > _TOUCHING_TURNS].sum()) / length if turns else None,
             coverage=coverage,
             apart_share=apart_share,
-            height_apart=float(np.abs(np.diff(self.analysis.spacing.link[..., 2], axis=1)).max()) if turns else None,
+            height_apart=self.analysis.spacing.rise if turns else None,
             missing_at_start=Range.of(self.missing_at_starts),
             excess_at_stop=Range.of(excess_at_stop) if excess_at_stop.size else None,
             delay_at_start=Range.of(delay_at_start) if delay_at_start.size else None,
@@ -174,12 +175,7 @@ class Bead(BeadTrace, Shown):
     def clearance(self) -> Floats:
         """Return the distance of neighbouring turns minus their mean width, at the analysis' spacing, (m,) [mm]."""
         spacing = self.analysis.spacing
-        ticks = self.analysis.ticks
-        s = self.analysis.nozzle.s
-        ahead = forward(s)
-        if not ahead.all():
-            s = s[ahead]
-            ticks = ticks[ahead]
+        s, ticks = self._advancing_feet()
         width = by_blocks(lambda block: np.interp(self.length[ticks[block]], self.place, self.width), ticks.size)
 
         def clearance(block: slice) -> Floats:
@@ -188,6 +184,13 @@ class Bead(BeadTrace, Shown):
             return spacing.distance[block] - 0.5 * (here + there)
 
         return by_blocks(clearance, len(spacing.s))
+
+    def _advancing_feet(self) -> tuple[Floats, NDArray[np.intp]]:
+        """Return the arc lengths of the nozzle's feet that exceed all before, and their ticks."""
+        s = self.analysis.nozzle.s
+        ticks = self.analysis.ticks
+        ahead = forward(s)
+        return (s, ticks) if ahead.all() else (s[ahead], ticks[ahead])
 
     @cached_property
     def _coverage(self) -> tuple[float | None, float]:
@@ -221,10 +224,8 @@ class Bead(BeadTrace, Shown):
 
     def _layer_at(self, s: Floats) -> NDArray[np.int64]:
         """Return the layers of points of the trace, given by their arc length on the requested path, (m,)."""
-        nozzle = self.analysis.nozzle
-        ticks = self.analysis.ticks
-        ahead = forward(nozzle.s)
-        place = np.interp(s, nozzle.s[ahead], self.length[ticks[ahead]])
+        feet, ticks = self._advancing_feet()
+        place = np.interp(s, feet, at_rows(self.length, ticks))
         last = self.map.layer.size - 1
         return self.map.layer[np.minimum((place / self.ds).astype(np.intp), last)]
 
@@ -260,34 +261,13 @@ class Bead(BeadTrace, Shown):
         as near as to stay there, or the demand crosses it, where a lagging flow turns. One that a limit holds short of
         the demand has settled where it is steady.
         """
-        period = self.run.period
-        demand = self.run.flow_demand[begin:end]
-        flow = self.run.flow[begin:end]
-        wanted = np.flatnonzero(demand > 0)
-        middle = (begin + end) // 2
-        if not wanted.size:
-            return middle, middle
-        # on its way up and down a flow may cross its demand, as one of a valve that opens before the motion does
-        rises = np.diff(demand) > _RAMP * period * demand[:-1]
-        falls = np.diff(demand) < -_RAMP * period * demand[1:]
-        first = int(wanted[0])
-        first += int(np.argmin(np.append(rises[first:], False)))
-        last = int(wanted[-1])
-        last -= int(np.argmin(np.append(falls[:last][::-1], False)))
-        inside = slice(first, last + 1)
-        excess = flow[inside] - demand[inside]
-        is_near = (np.abs(excess) <= _SETTLED_FLOW * demand[inside]) & (demand[inside] > 0)
-        now = flow[inside][:-1]
-        change = np.abs(np.diff(flow[inside]))
-        is_near[:-1] |= (now > 0) & (change <= _STEADY_RATE * period * now)
-        near = np.flatnonzero(is_near)
-        # a flow that itself runs through its demand overshoots
-        turns = change < np.abs(np.diff(demand[inside]))
-        crossed = np.flatnonzero(turns & (excess[:-1] * excess[1:] < 0)) + 1
-        settled = np.concatenate([near, near + 1, crossed])
-        if not settled.size:  # too short to settle
-            return middle, middle
-        return begin + first + int(settled.min()), begin + first + int(settled.max())
+        run = self.run
+        stretch = slice(begin, end)
+        first, after = _settled_flow(_contiguous(run.flow_demand[stretch]), _contiguous(run.flow[stretch]), run.period)
+        # too short to settle, or without glue
+        if not after:
+            return (begin + end) // 2, (begin + end) // 2
+        return begin + first, begin + after
 
     @cached_property
     def _offsets(self) -> tuple[Floats, Floats]:
@@ -313,3 +293,45 @@ class Bead(BeadTrace, Shown):
         near = slice(station - 1, station + 1)
         a, b = (self.area[near] - 0.5 * self.wanted[near]).tolist()
         return float(self.place[station - 1]) - self.ds * a / (b - a)
+
+
+def _contiguous(values: Floats) -> Floats:
+    return read_only_view(np.ascontiguousarray(values))
+
+
+@jit
+def _settled_flow(demand: Floats, flow: Floats, period: float) -> tuple[int, int]:
+    """Return the first tick of a stretch at which the flow has settled and the tick after the last, 0 without any.
+
+    Args:
+        demand: flow demand, (n,) [mm³/s].
+        flow: the flow, (n,) [mm³/s].
+        period: from one tick to the next [s].
+    """
+    last = demand.size - 1
+    first = 0
+    while first <= last and demand[first] <= 0.0:
+        first += 1
+    while last > first and demand[last] <= 0.0:
+        last -= 1
+    # on its way up and down a flow may cross its demand, as one of a valve that opens before the motion does
+    while first < demand.size - 1 and demand[first + 1] - demand[first] > _RAMP * period * demand[first]:
+        first += 1
+    while last > 0 and demand[last] - demand[last - 1] < -_RAMP * period * demand[last]:
+        last -= 1
+    settled = demand.size
+    after = 0
+    for k in range(first, last + 1):
+        excess = flow[k] - demand[k]
+        is_near = abs(excess) <= _SETTLED_FLOW * demand[k] and demand[k] > 0.0
+        is_crossed = False
+        if k < last:
+            change = abs(flow[k + 1] - flow[k])
+            is_near = is_near or (flow[k] > 0.0 and change <= _STEADY_RATE * period * flow[k])
+            # a flow that itself runs through its demand overshoots
+            turns = change < abs(demand[k + 1] - demand[k])
+            is_crossed = turns and excess * (flow[k + 1] - demand[k + 1]) < 0.0
+        if is_near or is_crossed:
+            settled = min(settled, k if is_near else k + 1)
+            after = k + 1
+    return settled, after

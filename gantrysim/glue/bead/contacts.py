@@ -216,9 +216,15 @@ def _laid_before(position: _Position, touching: float, place: Floats, cells: Cel
         cell = int(row) * cells.columns + int(column)
         if position.z <= cells.highest[cell] + touching:
             begin = cells.first[cell]
-            end = begin
-            while end < cells.first[cell + 1] and place[cells.section[end]] <= position.laid:
-                end += 1
+            end = cells.first[cell + 1]
+            low = begin
+            # in the order of the trace
+            while low < end:
+                middle = (low + end) // 2
+                if place[cells.section[middle]] <= position.laid:
+                    low = middle + 1
+                else:
+                    end = middle
     return cells.section[begin:end]
 
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, extremes, lengths
+from gantrysim.base.arrays import Floats, extremes
 from gantrysim.base.errors import InputError
 from gantrysim.glue.bead.dots import Dot
 from gantrysim.glue.bead.footprint import cover, footprint, headroom, wet_where_pushed
@@ -451,11 +451,7 @@ def _round(bead: BeadTrace, station: int, section: Section, volume: float, towar
 
 def upright(bead: BeadTrace) -> Floats:
     """Vertical height of the nozzle over the surface, more than the normal one where the path climbs, (r,) [mm]."""
-    along = np.gradient(bead.point, axis=0)
-    ahead = lengths(along[:, :2])
-    length = lengths(along)
-    cosine = np.divide(ahead, length, out=np.ones_like(length), where=length > 0)
-    return bead.nozzle_height / np.maximum(cosine, math.sqrt(0.5))
+    return bead.nozzle_height / np.maximum(bead.level, math.sqrt(0.5))
 
 
 def check_cells(bead: BeadTrace, count: ArrayLike, layers: int = 1) -> None:

@@ -29,12 +29,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.arrays import Floats, read_only_view, spans
+from gantrysim.base.columns import by_blocks
+from gantrysim.base.jit import jit
 from gantrysim.glue.bead.contacts import Needle, Sections, cells_of, contacts
 from gantrysim.glue.bead.dots import Dot
 from gantrysim.glue.bead.height_map import upright
@@ -195,13 +197,63 @@ def _surface(bead: BeadTrace) -> Floats:
     Glue that flows while the nozzle dives or rises lies on the spot: only motion along the surface gives its height.
     """
     run = bead.run
-    step = np.diff(run.nozzle, axis=0)
-    ahead = np.hypot(step[:, 0], step[:, 1])
-    along = (ahead > 0) & (np.abs(step[:, 2]) <= ahead) & run.dispense[:-1]
-    ticks = np.flatnonzero(along)
-    if not ticks.size:
-        return bead.along(bead.surface())
-    return np.interp(bead.place, bead.length[ticks], bead.surface()[ticks])
+    surface = np.empty(bead.place.size)
+    if run.dispense.any():
+        ticks = bead.analysis.ticks
+        foot = bead.analysis.nozzle
+        above = by_blocks(lambda block: foot.offset[block, 2], ticks.size)
+        trace = _Trace(read_only_view(np.ascontiguousarray(run.nozzle)), ticks, read_only_view(above), bead.length)
+        if _found_surface(trace, bead.gap, bead.place, surface):
+            return surface
+    return bead.along(bead.surface())
+
+
+class _Trace(NamedTuple):
+    """The trace of the nozzle.
+
+    Attributes:
+        nozzle: in the work frame, (n, 3) [mm].
+        ticks: of dispensing, (m,).
+        above: height of the nozzle over the requested path at these ticks, (m,) [mm].
+        length: of the trace up to each tick, (n,) [mm].
+    """
+
+    nozzle: Floats
+    ticks: NDArray[np.intp]
+    above: Floats
+    length: Floats
+
+
+@jit
+def _found_surface(trace: _Trace, gap: float, places: Floats, surface: Floats) -> bool:
+    """Write the surface below places along a trace, (r,) [mm], unless the nozzle nowhere moves along it.
+
+    It is linear between the ticks of dispensing from which the nozzle moves no steeper than 45 degrees.
+    """
+    nozzle, ticks, above, length = trace
+    place = 0
+    before = 0.0  # length up to the last such tick, and the surface there
+    height = 0.0
+    is_first = True
+    for j in range(ticks.size):
+        k = ticks[j]
+        if k + 1 == len(nozzle):
+            break
+        ahead = math.hypot(nozzle[k + 1, 0] - nozzle[k, 0], nozzle[k + 1, 1] - nozzle[k, 1])
+        if not (ahead > 0.0 and abs(nozzle[k + 1, 2] - nozzle[k, 2]) <= ahead):
+            continue
+        here = nozzle[k, 2] - above[j] - gap
+        slope = 0.0 if is_first else (here - height) / (length[k] - before)
+        if is_first:
+            height = here
+        while place < places.size and places[place] < length[k]:
+            surface[place] = slope * (places[place] - before) + height
+            place += 1
+        before = length[k]
+        height = here
+        is_first = False
+    surface[place:] = height
+    return not is_first
 
 
 def _joints(bead: BeadTrace, touches: NDArray[np.intp], reach: tuple[float, float]) -> NDArray[np.intp]:

@@ -192,3 +192,35 @@ class Section:
         """Volume of half the body of revolution of each section, a round end of a bead, (m,) [mm³]."""
         beside = self._body_of_unit_radius * self.radius**3 + 0.25 * self.flat * self._segment_area
         return np.pi * (beside + 0.125 * self.flat * (self.area - self._segment_area))
+
+
+# Spreading of surplus glue along the trace.
+
+
+def spread(area: Floats, steady: Floats | float, width: float, ds: float, *, longest: float) -> Floats:
+    """Spread the surplus of a section over a steady one along the trace, as far as it is wide, (r,) [mm²].
+
+    What is wider than one, two, four ... steady widths spreads over as much, one after the other: the height of a bead
+    is bounded by the nozzle, so that its section grows with its width.
+
+    Args:
+        area: section at the stations, (r,) [mm²].
+        steady: section above which glue spreads, one or (r,) [mm²].
+        width: of the steady section [mm].
+        ds: distance of the stations [mm].
+        longest: width from which nothing spreads further [mm].
+    """
+    limit = steady
+    while (excess := np.maximum(area - limit, 0.0)).any() and width < longest:
+        area = np.minimum(area, limit) + _averaged_section(excess, int(np.ceil(0.5 * width / ds)))
+        width *= 2
+        limit = 2 * limit
+    return area
+
+
+def _averaged_section(values: Floats, reach: int) -> Floats:
+    """Moving average over `reach` to both sides, twice; mirrored at the ends, which conserves the sum."""
+    for _ in range(2):
+        sums = np.concatenate([[0.0], np.cumsum(np.pad(values, reach, mode="reflect"))])
+        values = (sums[2 * reach + 1 :] - sums[: -2 * reach - 1]) / (2 * reach + 1)
+    return np.maximum(values, 0.0)

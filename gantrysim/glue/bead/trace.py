@@ -6,16 +6,18 @@ of the trace over their distance, which is the same while the nozzle moves and a
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, lengths, spans
+from gantrysim.base.arrays import Floats, read_only_view, spans
 from gantrysim.base.columns import by_blocks, extent
 from gantrysim.base.errors import check_type, whole_number
+from gantrysim.base.jit import jit
 from gantrysim.glue.bead.dots import Dot, dots_of, dotted_ticks
-from gantrysim.glue.bead.section import BeadSettings, Section
+from gantrysim.glue.bead.section import BeadSettings, Section, spread
 from gantrysim.glue.dispenser.command import Material
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run, check_run
@@ -37,46 +39,68 @@ def surface_steps(run: Run) -> Floats:
     A nozzle that moves steeper than 45 deg leaves the surface or approaches it: only its motion in plan view counts,
     so that glue which flows meanwhile lies on the spot.
     """
-
-    def steps(block: slice) -> Floats:
-        # a long run's is mapped anew
-        step = np.diff(run.nozzle[block.start : block.stop + 1], axis=0)
-        ahead = np.hypot(step[:, 0], step[:, 1])
-        return np.where(np.abs(step[:, 2]) > ahead, ahead, np.hypot(ahead, step[:, 2]))
-
-    return by_blocks(steps, len(run.time) - 1)
+    steps = np.empty(len(run.time) - 1)
+    _find_surface_steps(_columns(run.nozzle), steps)
+    return steps
 
 
-# Spreading of surplus glue along the trace.
+def _columns(points: Floats) -> Floats:
+    """Return points as compiled functions take them, (n, 3)."""
+    return read_only_view(np.ascontiguousarray(points))
 
 
-def spread(area: Floats, steady: Floats | float, width: float, ds: float, *, longest: float) -> Floats:
-    """Spread the surplus of a section over a steady one along the trace, as far as it is wide, (r,) [mm²].
+@jit
+def _find_surface_steps(nozzle: Floats, steps: Floats) -> None:
+    """Write the steps of `surface_steps`."""
+    for k in range(steps.size):
+        ahead = math.hypot(nozzle[k + 1, 0] - nozzle[k, 0], nozzle[k + 1, 1] - nozzle[k, 1])
+        up = nozzle[k + 1, 2] - nozzle[k, 2]
+        steps[k] = ahead if abs(up) > ahead else math.hypot(ahead, up)
 
-    What is wider than one, two, four ... steady widths spreads over as much, one after the other: the height of a bead
-    is bounded by the nozzle, so that its section grows with its width.
+
+@jit
+def _find_steps(points: Floats, steps: Floats) -> None:
+    """Write the distances from each point to the next, (n - 1,) [mm]."""
+    for k in range(steps.size):
+        x = points[k + 1, 0] - points[k, 0]
+        y = points[k + 1, 1] - points[k, 1]
+        z = points[k + 1, 2] - points[k, 2]
+        steps[k] = math.sqrt(x * x + y * y + z * z)
+
+
+@jit
+def _find_headings(point: Floats, least: float, direction: Floats, level: Floats) -> None:
+    """Write the directions of a trace, by differences of its stations, the central ones between its ends.
 
     Args:
-        area: section at the stations, (r,) [mm²].
-        steady: section above which glue spreads, one or (r,) [mm²].
-        width: of the steady section [mm].
-        ds: distance of the stations [mm].
-        longest: width from which nothing spreads further [mm].
+        point: the stations, (r, 3) [mm].
+        least: motion in plan view from a station to the next, above which it has a direction there [mm].
+        direction: unit vectors in plan view, (2, r), to be written; vertical motion keeps that before it.
+        level: cosine of the angle of climb, (r,), to be written.
     """
-    limit = steady
-    while (excess := np.maximum(area - limit, 0.0)).any() and width < longest:
-        area = np.minimum(area, limit) + _averaged_section(excess, int(np.ceil(0.5 * width / ds)))
-        width *= 2
-        limit = 2 * limit
-    return area
-
-
-def _averaged_section(values: Floats, reach: int) -> Floats:
-    """Moving average over `reach` to both sides, twice; mirrored at the ends, which conserves the sum."""
-    for _ in range(2):
-        sums = np.concatenate([[0.0], np.cumsum(np.pad(values, reach, mode="reflect"))])
-        values = (sums[2 * reach + 1 :] - sums[: -2 * reach - 1]) / (2 * reach + 1)
-    return np.maximum(values, 0.0)
+    last = len(point) - 1
+    cosine = 1.0
+    sine = 0.0
+    moves = False
+    for k in range(last + 1):
+        before = max(k - 1, 0)
+        after = min(k + 1, last)
+        share = 1.0 / (after - before)
+        x = (point[after, 0] - point[before, 0]) * share
+        y = (point[after, 1] - point[before, 1]) * share
+        z = (point[after, 2] - point[before, 2]) * share
+        ahead = math.hypot(x, y)
+        length = math.hypot(ahead, z)
+        level[k] = ahead / length if length > 0.0 else 1.0
+        if ahead > least:
+            cosine = x / ahead
+            sine = y / ahead
+            if not moves:
+                direction[0, :k] = cosine
+                direction[1, :k] = sine
+                moves = True
+        direction[0, k] = cosine
+        direction[1, k] = sine
 
 
 # Whether a bead leaves a level plane, which decides how pictures show it.
@@ -194,18 +218,22 @@ class BeadTrace:
             return error
         return np.interp(np.arange(len(self.length), dtype=np.float64), analysis.ticks, error)
 
-    @cached_property
+    @property
     def direction(self) -> Floats:
         """Unit vector along the trace in plan view, x and y, (2, r)."""
-        x, y = (np.gradient(self.point[:, i]) for i in (0, 1))
-        length = np.hypot(x, y)
-        is_moving = length > 1e-9 * self.ds
-        moving = np.flatnonzero(is_moving)
-        if not moving.size:
-            return np.stack([np.ones(self.place.size), np.zeros(self.place.size)])
-        # vertical motion keeps the direction before it
-        last = moving[np.maximum(np.cumsum(is_moving) - 1, 0)]
-        return np.stack([x[last] / length[last], y[last] / length[last]])
+        return self._headings[0]
+
+    @property
+    def level(self) -> Floats:
+        """Cosine of the trace's angle of climb, (r,)."""
+        return self._headings[1]
+
+    @cached_property
+    def _headings(self) -> tuple[Floats, Floats]:
+        direction = np.empty((2, self.place.size))
+        level = np.empty(self.place.size)
+        _find_headings(_columns(self.point), 1e-9 * self.ds, direction, level)
+        return direction, level
 
     @cached_property
     def heading(self) -> Floats:
@@ -319,12 +347,9 @@ class BeadTrace:
     @property
     def commanded_steps(self) -> Floats:
         """Length of the commanded path from each tick to the next, (n - 1,) [mm]."""
-        run = self.run
-
-        def steps(block: slice) -> Floats:
-            return lengths(np.diff(run.commanded_tip[block.start : block.stop + 1], axis=0))
-
-        return by_blocks(steps, len(run.time) - 1)
+        steps = np.empty(len(self.run.time) - 1)
+        _find_steps(_columns(self.run.commanded_tip), steps)
+        return steps
 
     @cached_property
     def nozzle_height(self) -> Floats:
@@ -346,13 +371,13 @@ class BeadTrace:
         if not run.dispense.any():
             return run.nozzle[:, 2] - self.gap
         ticks = self.analysis.ticks
-        offset = self.analysis.nozzle.offset
+        foot = self.analysis.nozzle
 
         def below(block: slice) -> Floats:
             first, after = np.searchsorted(ticks, [block.start, block.stop])
             # with the neighbours of the block
             near = slice(max(first - 1, 0), after + 1)
-            requested = run.nozzle[ticks[near], 2] - offset[near, 2]
+            requested = run.nozzle[ticks[near], 2] - foot.offset[near, 2]
             return np.interp(np.arange(block.start, block.stop), ticks[near], requested) - self.gap
 
         return by_blocks(below, len(run.time))
