@@ -24,8 +24,9 @@ _EVEN_RADIUS = 0.3  # relative change of the radius up to which the quadrature i
 def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Floats:
     """Return the length of ds = sqrt((r + b phi)^2 + c^2) d(phi) from 0 to `angle` [mm]; all broadcast.
 
-    With F(rho) = rho/2 sqrt(rho^2 + c^2) + c^2/2 asinh(rho/c) it is (F(r + b angle) - F(r)) / b. Where the radius
-    hardly changes and that difference would cancel, Gauss-Legendre quadrature is used.
+    With F(rho) = rho/2 sqrt(rho^2 + c^2) + c^2/2 asinh(rho/c) it is (F(r + b angle) - F(r)) / b, and where c is 0 the
+    mean radius times the angle. Where the radius hardly changes and that difference would cancel, Gauss-Legendre
+    quadrature is used.
     """
     (radius, growth, rise, turn), shape = _together(r, b, c, angle)
     lengths = np.empty(radius.size)
@@ -42,6 +43,9 @@ def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
 
 @jit
 def _length(r, b, c, angle):
+    # in a plane, up to where the radius changes its sign
+    if c == 0.0 and r * (r + b * angle) >= 0.0:
+        return angle * abs(r + 0.5 * b * angle)
     if _is_even(r, b, c, angle):
         return _quadrature(r, b, c, angle)
     return (_antiderivative(r + b * angle, c) - _antiderivative(r, c)) / b

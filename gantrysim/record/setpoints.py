@@ -264,10 +264,11 @@ class Setpoints(Shown):
             position = self.position[first : last + 1]
             dispense = self.dispense[first : last + 1]
             progress = np.zeros(len(position)) if self.progress is None else self.progress[first : last + 1]
+            # as take copies rows in a third of the time of an index
             inside = k.clip(0, count - 1) - first
-            fed = {name: getattr(self, name)[first : last + 1][inside] for name in MATERIAL if self._has(name)}
-            on = dispense[inside] & (k >= 0) & (k < count)
-            yield SetpointTable(position[inside], on, progress[inside], **fed)
+            fed = {name: getattr(self, name)[first : last + 1].take(inside) for name in MATERIAL if self._has(name)}
+            on = dispense.take(inside) & (k >= 0) & (k < count)
+            yield SetpointTable(position.take(inside, axis=0), on, progress.take(inside), **fed)
 
     def _has(self, name: str) -> bool:
         return vars(self)[name] is not None

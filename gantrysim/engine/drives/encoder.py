@@ -32,7 +32,7 @@ def _encoder(driven: DrivenAxis) -> dict[str, Any]:
         "load": -1,
         "counts": drive.mode == "stepper" and drive.feedback == "none",
         "noise": drive.encoder_noise,
-        "seed": np.random.SeedSequence([driven.servo.encoder_seed, driven.number]).generate_state(1, np.uint64)[0],
+        "seed": _seed(driven) if drive.encoder_noise else 0,
         "once": drive.interpolation_error,
         "twice": drive.interpolation_error_twice,
         "signal": 2 * math.pi / drive.signal_period if drive.signal_period else 0.0,
@@ -46,6 +46,12 @@ def _encoder(driven: DrivenAxis) -> dict[str, Any]:
         place = driven.model.jnt_qposadr[driven.load]
         entry |= {"load": place, "load_zero": driven.model.qpos0[place], "per_si": PER_SI[axis.unit]}
     return entry
+
+
+def _seed(driven: DrivenAxis) -> np.uint64:
+    """Return the seed of an encoder's noise."""
+    seeds = np.random.SeedSequence([driven.servo.encoder_seed, driven.number])
+    return np.uint64(seeds.generate_state(1, np.uint64)[0])
 
 
 def _report(row, tape, axis, drive):
