@@ -441,11 +441,10 @@ class Program(Controller):
             averaged_over: progress at the begin and the end of what was averaged, (2, n) [mm].
         """
         mean = np.clip(place[:, 4], 0.0, self.requested.length)
-        leaves = lengths(self.requested.position(mean) - place[:, :3]) > _ON_THE_PATH
-        if not leaves.any():
-            return mean
-        blended = assigned_progress(self.requested, place[:, :3], np.where(leaves, averaged_over, mean))
-        return np.where(leaves, blended, mean)
+        leaves = np.flatnonzero(lengths(self.requested.position(mean) - place[:, :3]) > _ON_THE_PATH)
+        if leaves.size:
+            mean[leaves] = assigned_progress(self.requested, place[leaves, :3], averaged_over[:, leaves])
+        return mean
 
 
 def _block(item: object, k: int) -> Block:
