@@ -5,19 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.columns import Column, blocks, table_by_blocks
 from gantrysim.base.quantity import contents, counted, number_text
 from gantrysim.glue.bead import Bead, Ploughing
 from gantrysim.glue.bead.dots import Dot
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.glue.bead.values import EXCESS_AT_STOP, MISSING_AT_START, excess_at_stop, missing_at_start
 from gantrysim.job.tolerance import Tolerance
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.error_quantities import CONTOUR
+from gantrysim.paths.feet import Projection
+from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place, Row, finite, worst
 from gantrysim.results.verdict_quantities import (
     BEAD_WIDTH_ERROR,
@@ -272,13 +277,40 @@ def _off_the_path(bead: Bead, tolerance: Tolerance) -> str:
     """Return that the path error carries the needle into the bead, in words; empty where the requested path does."""
     run = bead.run
     # a smaller error is not what brings a needle to a bead
-    error = float(np.linalg.norm(bead.analysis.nozzle.offset, axis=1).max(initial=0.0))
+    error = float(bead.analysis.nozzle.distance.max(initial=0.0))
     if run.progress is None or error < _ASTRAY_SHARE * run.face:
         return ""
-    on_path = Bead(run.replaced(nozzle=run.requested.position(run.progress)), bead.settings)
-    if Ploughing.of(on_path, tolerance.start_length, tolerance.stop_length).passes:
+    count = len(run.time)
+    nozzle = table_by_blocks((_Nozzle.on_path(run, block) for block in blocks(count)), count)
+    on_path = run.replaced(nozzle=vars(nozzle)["place"])
+    ideal = Bead(on_path, bead.settings, _OnPath(on_path))
+    if Ploughing.of(ideal, tolerance.start_length, tolerance.stop_length).passes:
         return ""
     return f"on the requested path it would touch none: reduce the path error of up to {CONTOUR.text(error)}"
+
+
+@dataclass(frozen=True)
+class _Nozzle:
+    """Places of a nozzle, (n, 3) [mm]; in a file where there are many."""
+
+    place: Column[Floats] = Column()
+
+    @classmethod
+    def on_path(cls, run: Run, block: slice) -> _Nozzle:
+        """Return those of some ticks of a run on its requested path."""
+        assert run.progress is not None
+        return cls(run.requested.position(run.progress[block]))
+
+
+class _OnPath(Analysis):
+    """The analysis of a run whose nozzle is everywhere on the requested path, where its command stands."""
+
+    @cached_property
+    def nozzle(self) -> Projection:
+        """Projection of the nozzle, but for the path's curvature."""
+        count = self.ticks.size
+        zero = np.broadcast_to(0.0, count)
+        return Projection(self.progress, np.broadcast_to(0.0, (count, 3)), zero, zero, zero, zero, zero)
 
 
 def _remedy(tick: int, bead: Bead) -> str:

@@ -76,13 +76,15 @@ class Bead(BeadTrace, Shown):
         if self._no_values:
             raise InputError(self._no_values)
         on = self.dispensing
+        excess_at_stop = self.excess_at_stops
+        delay_at_start, overrun_at_stop = self._offsets
+        length = float(self._turn_lengths.sum())
+        turns = length > 0
+        # before the columns of all turns, as a long run has no room for them beside the map while it is made
+        ridge = self.map.ridge
+        coverage, apart_share = self._coverage if turns else (None, None)
         clearance = self.clearance()
         weight = self._turn_lengths
-        length = float(weight.sum())
-        turns = clearance.size > 0 and length > 0
-        excess_at_stop = self.excess_at_stops
-        coverage, apart_share = self._coverage if turns else (None, None)
-        delay_at_start, overrun_at_stop = self._offsets
         return BeadValues(
             nominal=self.nominal,
             width=Range.of(self.width[on]),
@@ -103,7 +105,7 @@ class Bead(BeadTrace, Shown):
             start_error=float(self._parts[:, 0].sum()),
             running_error=float(self._parts[:, 1].sum()),
             stop_error=float(self._parts[:, 2].sum()),
-            ridge=self.map.ridge,
+            ridge=ridge,
         )
 
     @cached_property

@@ -7,6 +7,7 @@ of the trace over their distance, which is the same while the nozzle moves and a
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -212,11 +213,20 @@ class BeadTrace:
     @property
     def _vertical_error(self) -> Floats:
         """Vertical contour error at every tick, before and after dispensing that at the end, (n,) [mm]."""
-        analysis = self.analysis
-        error = by_blocks(lambda block: analysis.nozzle.offset[block, 2], analysis.ticks.size)
-        if error.size == len(self.length):
-            return error
-        return np.interp(np.arange(len(self.length), dtype=np.float64), analysis.ticks, error)
+        foot = self.analysis.nozzle
+        return self._at_all_ticks(lambda rows: foot.offset[rows, 2])
+
+    def _at_all_ticks(self, values: Callable[[slice], Floats]) -> Floats:
+        """Return values at all ticks, (n,), given those of some rows of the analysis; between these they are linear."""
+        ticks = self.analysis.ticks
+
+        def part(block: slice) -> Floats:
+            first, after = np.searchsorted(ticks, [block.start, block.stop])
+            # with the neighbours of the block
+            near = slice(max(first - 1, 0), after + 1)
+            return np.interp(np.arange(block.start, block.stop), ticks[near], values(near))
+
+        return by_blocks(part, len(self.length))
 
     @property
     def direction(self) -> Floats:
@@ -372,15 +382,7 @@ class BeadTrace:
             return run.nozzle[:, 2] - self.gap
         ticks = self.analysis.ticks
         foot = self.analysis.nozzle
-
-        def below(block: slice) -> Floats:
-            first, after = np.searchsorted(ticks, [block.start, block.stop])
-            # with the neighbours of the block
-            near = slice(max(first - 1, 0), after + 1)
-            requested = run.nozzle[ticks[near], 2] - foot.offset[near, 2]
-            return np.interp(np.arange(block.start, block.stop), ticks[near], requested) - self.gap
-
-        return by_blocks(below, len(run.time))
+        return self._at_all_ticks(lambda rows: run.nozzle[ticks[rows], 2] - foot.offset[rows, 2] - self.gap)
 
     @cached_property
     def area(self) -> Floats:
