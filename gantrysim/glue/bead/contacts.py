@@ -235,33 +235,38 @@ def _is_low(position: _Position, needle: Needle, sections: Sections, k: int) -> 
 
 
 @jit
-def _chord(position: _Position, sections: Sections, k: int) -> tuple[float, float]:
-    """Distances of the needle's axis from a section: along the trace, and across it beyond the chord [mm].
-
-    Those from a dot are 0, and beyond its circle.
-    """
+def _along(position: _Position, sections: Sections, k: int) -> float:
+    """Return the distance of the needle's axis from a section along the trace, 0 for a dot [mm]."""
+    if sections.is_dot[k]:
+        return 0.0
     dx = position.x - sections.x[k]
     dy = position.y - sections.y[k]
-    along = abs(dx * sections.cosine[k] + dy * sections.sine[k])
+    return max(abs(dx * sections.cosine[k] + dy * sections.sine[k]) - sections.thickness, 0.0)
+
+
+@jit
+def _beside(position: _Position, sections: Sections, k: int) -> float:
+    """Return the distance of the needle's axis from a section across the trace beyond its chord, or a dot's [mm]."""
+    dx = position.x - sections.x[k]
+    dy = position.y - sections.y[k]
     across = abs(dy * sections.cosine[k] - dx * sections.sine[k])
     if sections.is_dot[k]:
-        along = 0.0
         across = math.sqrt(dx * dx + dy * dy)
     height = max(position.z - sections.surface[k], 0.0) / sections.steep[k] + sections.drop[k]
     radius = sections.radius[k]
     # products, as numba compiles a loop for a power
     chord = sections.flat[k] + math.sqrt(max(radius * radius - height * height, 0.0))
-    return max(along - sections.thickness, 0.0), max(across - chord, 0.0)
+    return max(across - chord, 0.0)
 
 
 @jit
 def _axis_inside(position: _Position, needle: Needle, sections: Sections, entries: NDArray[np.int32]) -> bool:
     """Return whether the needle's axis passes through one of some sections, within half a radius along the trace."""
     for k in entries:
-        if _is_low(position, needle, sections, k):
-            along, beside = _chord(position, sections, k)
-            if beside == 0.0 and along < 0.5 * needle.radius:
-                return True
+        # most sections of a cell are further along the trace, which is known soonest
+        is_near = _along(position, sections, k) < 0.5 * needle.radius
+        if is_near and _is_low(position, needle, sections, k) and _beside(position, sections, k) == 0.0:
+            return True
     return False
 
 
@@ -276,8 +281,9 @@ def _touch(
     """Note which of some sections the face touches, and return its depth below the highest of their tops [mm]."""
     depth = -math.inf
     for k in entries:
-        if _is_low(position, needle, sections, k):
-            along, beside = _chord(position, sections, k)
+        along = _along(position, sections, k)
+        if along < needle.radius and _is_low(position, needle, sections, k):
+            beside = _beside(position, sections, k)
             if along * along + beside * beside < needle.radius * needle.radius:
                 touched[k] = True
                 # glue that flows high above the work does not stand in the air: no face is deeper in it than it is high
