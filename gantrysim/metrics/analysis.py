@@ -65,6 +65,18 @@ class SteadyFollowing:
 
 
 @dataclass(frozen=True)
+class _Stretches:
+    """Stretches of a path.
+
+    Attributes:
+        begin, end: arc lengths, (m,) [mm].
+    """
+
+    begin: Column[Floats] = Column()
+    end: Column[Floats] = Column()
+
+
+@dataclass(frozen=True)
 class _Following:
     """Following error at the nozzle.
 
@@ -148,8 +160,8 @@ class Analysis(Shown):
         return assigned_progress(self.run.requested, self.run.commanded_tip)[self.ticks]
 
     @cached_property
-    def _stretches(self) -> Floats:
-        """Begin and end of the stretch of the path in which all feet of a tick lie, (2, m) [mm]."""
+    def _stretches(self) -> _Stretches:
+        """The stretches of the path in which all feet of a tick lie."""
         run = self.run
         names = ["commanded_tip", "encoder_tip", "motor_tip", "nozzle"]
         if run.geometric_tip is not None:
@@ -160,7 +172,9 @@ class Analysis(Shown):
             rows = as_slice(self.ticks[block])
             return [getattr(run, name)[rows] for name in names]
 
-        return run.requested.stretches(traces, self.progress)
+        stretches = run.requested.stretches(traces, self.progress)
+        count = self.ticks.size
+        return table_by_blocks((_Stretches(*stretches[:, block]) for block in blocks(count)), count)
 
     @cached_property
     def commanded(self) -> Projection:
@@ -168,7 +182,8 @@ class Analysis(Shown):
         return self._near(self.run.commanded_tip, again=True)
 
     def _near(self, trace: Floats, again: bool = False) -> Projection:
-        return self.run.requested.near(trace, self.progress, self._stretches, self.ticks, again=again)
+        stretches = (self._stretches.begin, self._stretches.end)
+        return self.run.requested.near(trace, self.progress, stretches, self.ticks, again=again)
 
     @cached_property
     def encoder(self) -> Projection:
@@ -213,7 +228,7 @@ class Analysis(Shown):
         foot = np.maximum.accumulate(self.nozzle.s)
         return by_blocks(lambda block: self.run.requested.heading(foot[block]), foot.size)
 
-    @cached_property
+    @property
     def speed(self) -> Floats:
         """Path speed of the nozzle, (m,) [mm/s]."""
         return path_speed(self.run)[self.ticks]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -39,7 +39,7 @@ class SearchedPath(Protocol):
     def position(self, s: ArrayLike) -> Floats:
         """Points at arc lengths, (n, 3) [mm]."""
 
-    def near(self, trace: Floats, places: Floats, stretches: Floats) -> Projection:
+    def near(self, trace: Floats, places: Floats, stretches: Floats | Sequence[Floats]) -> Projection:
         """Project points onto stretches of the path, (2, n) [mm], about places, (n,) [mm]."""
 
 

@@ -217,7 +217,7 @@ class Path(ABC):
         self,
         trace: Floats,
         places: Floats,
-        stretches: Floats,
+        stretches: Floats | Sequence[Floats],
         rows: NDArray[np.intp] | None = None,
         *,
         again: bool = False,
@@ -227,7 +227,7 @@ class Path(ABC):
         Args:
             trace: points, (m, 3) [mm].
             places: of the path, the one nearest to which is taken out of several nearest points, (n,) [mm].
-            stretches: begin and end of each stretch, (2, n) [mm].
+            stretches: begin and end of each stretch, (2, n), or two arrays (n,) [mm].
             rows: of the trace, (n,); by default all.
             again: whether the same points are projected again and again, as a command in all runs of its program.
         """
@@ -237,7 +237,7 @@ class Path(ABC):
         def feet(block: slice) -> Projection:
             p = _points(at_rows(trace, rows[block]))
             parts = np.empty((3, len(p)))
-            between = np.ascontiguousarray(stretches[:, block])
+            between = np.stack([edge[block] for edge in stretches])
             find_feet(self.table, self._bends, p, read_only_view(places[block]), between, parts)  # type: ignore[no-untyped-call]
 
             def local(s: Floats) -> Local:

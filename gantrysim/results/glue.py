@@ -283,7 +283,7 @@ def _off_the_path(bead: Bead, tolerance: Tolerance) -> str:
     count = len(run.time)
     nozzle = table_by_blocks((_Nozzle.on_path(run, block) for block in blocks(count)), count)
     on_path = run.replaced(nozzle=vars(nozzle)["place"])
-    ideal = Bead(on_path, bead.settings, _OnPath(on_path))
+    ideal = Bead(on_path, bead.settings, _OnPath(on_path, bead.analysis.ticks))
     if Ploughing.of(ideal, tolerance.start_length, tolerance.stop_length).passes:
         return ""
     return f"on the requested path it would touch none: reduce the path error of up to {CONTOUR.text(error)}"
@@ -303,7 +303,16 @@ class _Nozzle:
 
 
 class _OnPath(Analysis):
-    """The analysis of a run whose nozzle is everywhere on the requested path, where its command stands."""
+    """The analysis of a run whose nozzle is everywhere on the requested path, where its command stands.
+
+    Args:
+        run: the run.
+        ticks: its ticks of dispensing, which another analysis holds.
+    """
+
+    def __init__(self, run: Run, ticks: NDArray[np.intp]) -> None:
+        super().__init__(run)
+        self.ticks = ticks
 
     @cached_property
     def nozzle(self) -> Projection:

@@ -102,22 +102,27 @@ class Ploughing:
         if len(joints):
             for first, after in joints.tolist():
                 needle.counted[first:after] = False
+            # of a long run there is no room for both
+            del depth, touched
             depth, touched = contacts(needle, sections, cells)
+        del needle
         passes = _joined_passes(spans(depth > -np.inf), bead.length, run.face)
         if not len(passes):
             return cls()
         lengths = [bead.length[after - 1] - bead.length[max(first - 1, 0)] for first, after in passes]
         first, after = passes[int(np.argmax(lengths))]
         dispensing = run.dispense[first - 1 : after - 1]
-        mostly = dispensing == _is_mostly(dispensing)
+        rarely = dispensing != _is_mostly(dispensing)
+        deepest = max(float(depth.max()), 0.0)
+        depth[first:after][rarely] = -np.inf
         dotted = touched & sections.is_dot
         return cls(
             length=float(np.count_nonzero(touched & ~sections.is_dot)) * bead.ds
             + 2 * float(sections.half[dotted].sum()),
             passes=len(passes),
-            depth=max(float(depth.max()), 0.0),
+            depth=deepest,
             dots=int(np.count_nonzero(dotted)),
-            tick=first + int(np.where(mostly, depth[first:after], -np.inf).argmax()),
+            tick=first + int(depth[first:after].argmax()),
             stretches=tuple(passes),
             dry=sum(not _is_mostly(run.dispense[begin - 1 : end - 1]) for begin, end in passes),
         )
