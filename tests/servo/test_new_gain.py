@@ -24,7 +24,7 @@ ASKED = """
 import numpy as np
 from gantrysim import Job
 from gantrysim.base.errors import InputError
-from gantrysim.exchange.gains import DIALECTS, exported, imported
+from gantrysim.exchange.gains import DIALECTS, export_gains, import_gains
 from gantrysim.servo.servo import Servo
 
 plain = ["servo.notch_frequency=0", "servo.ki=0", "servo.feedforward=0"]
@@ -35,14 +35,14 @@ assert split.margins == job.margins
 axes = split.built_machine.axes
 for name in DIALECTS:
     try:
-        exported(name, axes, split.built_servo)
+        export_gains(name, axes, split.built_servo)
     except InputError as refusal:
         assert f"{name} has no parameter for kx (x 0.25, y 0.125)" in str(refusal), refusal
         assert "--set servo.kx=0" in str(refusal), refusal
     else:
         raise AssertionError(name)
-    text, _ = exported(name, axes, job.built_servo)
-    assert imported(name, text, axes, job.built_servo).per_axis("kx") == (0.0, 0.0)
+    text, _ = export_gains(name, axes, job.built_servo)
+    assert import_gains(name, text, axes, job.built_servo).per_axis("kx") == (0.0, 0.0)
 try:
     Servo.derive(axes, law="p-pi", kx=0.5)
 except InputError as refusal:

@@ -205,37 +205,55 @@ class Compensator:
         return self.D + transfer(z, self.A, (np.zeros_like(B), B), self.C[None])[:, 0, 0]
 
     @cached_property
-    def polynomials(self) -> tuple[Floats, Floats]:
-        """Numerator and denominator of the transfer function, by falling powers of z, (states + 1,) each.
+    def triangle(self) -> tuple[Complexes, Complexes, Complexes]:
+        """E, b and c with which the transfer function is D + c (w - E)^-1 b, w = z - 1, and E is upper triangular.
 
-        By the algorithm of Faddeev and LeVerrier: (z - A)^-1 = sum(M[k] z^(n-1-k)) / sum(c[k] z^(n-k)).
+        By Schur's decomposition A - 1 = U E U^H. A slow law has all its poles near z = 1: as a ratio of polynomials, it
+        would be rounding there.
         """
-        n = len(self.A)
-        denominator = np.ones(n + 1)
-        numerator = np.full(n + 1, self.D)
-        M = np.eye(n)
-        for k in range(1, n + 1):
-            numerator[k] = self.C @ M @ self.B
-            M = self.A @ M
-            denominator[k] = -M.trace() / k
-            M = M + denominator[k] * np.eye(n)
-        numerator[1:] += self.D * denominator[1:]
-        return numerator, denominator
+        from scipy.linalg import schur  # slow to import
+
+        E, U = schur(self.A - np.eye(len(self.A)), output="complex")
+        return E, U.conj().T @ self.B, self.C @ U
 
 
 # The peak of |S|, in one compiled pass: a search for gains asks for it thousands of times.
 #
-# With P the response of axes that move each other and C_i = N_i/D_i that of their laws, as ratios of polynomials in z,
-# S = (1 + C P)^-1 = (D + N P)^-1 D, and of axis i with the others closed 1/(1 + L_i) = S_ii. Its peak is sought on the
-# plant's grid of angles, then on a finer one around the largest value and by golden sections of that, and at the angles
-# of lightly damped closed-loop poles, whose peaks are narrower than the grid.
+# With P the response of axes that move each other and C_i that of their laws, S = (1 + C P)^-1, and of axis i with the
+# others closed 1/(1 + L_i) = S_ii. Its peak is sought on the plant's grid of angles, then on a finer one around the
+# largest value and by golden sections of that, and at the angles of lightly damped closed-loop poles, whose peaks are
+# narrower than the grid.
 
 NARROW_DAMPING = 0.3  # damping ratio below which a mode, zero or pole is narrower than the grid
 _ZOOM = 9  # points between those of the grid around the peak
 _SECTIONS = 10  # after which a peak is within 1e-5 of its height
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
-Polynomials = tuple[Floats, Floats]
+
+class CompiledLaws(NamedTuple):
+    """Laws of axes, as compiled functions take them, see `Compensator.triangle`; all with as many states.
+
+    Attributes:
+        E: (axes, states, states).
+        b, c: (axes, states).
+        D: (axes,).
+    """
+
+    E: Complexes
+    b: Complexes
+    c: Complexes
+    D: Floats
+
+    @classmethod
+    def of(cls, laws: Sequence[Compensator]) -> CompiledLaws:
+        """Return laws; those with fewer states get some that nothing moves."""
+        states = max(len(law.A) for law in laws)
+        E = np.zeros((len(laws), states, states), complex)
+        b, c = np.zeros((2, len(laws), states), complex)
+        for a, law in enumerate(laws):
+            n = len(law.A)
+            E[a, :n, :n], b[a, :n], c[a, :n] = law.triangle
+        return cls(E, b, c, np.array([law.D for law in laws], float))
 
 
 class CompiledPlant(NamedTuple):
@@ -243,13 +261,13 @@ class CompiledPlant(NamedTuple):
 
     Attributes:
         theta: angles of the grid, ascending, (n,).
-        z: points exp(j theta) of the unit circle, (n,).
+        w: points exp(j theta) - 1, (n,).
         P: response there, (n, axes, axes).
         F, G0, G1, H: of their sampled motion, see `gantrysim.servo.stability.motion.LinearSystem`.
     """
 
     theta: Floats
-    z: Complexes
+    w: Complexes
     P: Complexes
     F: Floats
     G0: Floats
@@ -257,34 +275,21 @@ class CompiledPlant(NamedTuple):
     H: Floats
 
 
-def sensitivity_peaks(plant: CompiledPlant, laws: Polynomials, poles: Complexes) -> Floats:
+def sensitivity_peaks(plant: CompiledPlant, laws: CompiledLaws, poles: Complexes) -> Floats:
     """Return the peak of |S| of each axis of a group of stable loops, (axes,).
 
     Args:
         plant: of these axes.
-        laws: of the axes, see `polynomials_of`.
+        laws: of the axes.
         poles: of the closed loops.
     """
-    squares = np.zeros(len(laws[0]))
+    squares = np.zeros(len(laws.D))
     _find_peaks(plant, laws, read_only_view(poles), squares)
     return np.sqrt(squares)
 
 
-def polynomials_of(laws: Sequence[Compensator]) -> Polynomials:
-    """Return numerators and denominators of laws by falling powers of z, all of one degree, (axes, degree + 1) each."""
-    degree = max(len(law.A) for law in laws)
-    numerators = np.zeros((len(laws), degree + 1))
-    denominators = np.zeros((len(laws), degree + 1))
-    for a, law in enumerate(laws):
-        numerator, denominator = law.polynomials
-        # both times a power of z
-        numerators[a, : len(numerator)] = numerator
-        denominators[a, : len(denominator)] = denominator
-    return numerators, denominators
-
-
 @jit
-def _find_peaks(plant: CompiledPlant, laws: Polynomials, poles: Complexes, squares: Floats) -> None:
+def _find_peaks(plant: CompiledPlant, laws: CompiledLaws, poles: Complexes, squares: Floats) -> None:
     """Raise the squares of the peaks of |S_ii|, (axes,), from 0."""
     theta = plant.theta
     axes = len(squares)
@@ -292,17 +297,27 @@ def _find_peaks(plant: CompiledPlant, laws: Polynomials, poles: Complexes, squar
     size = np.empty(axes)
     highest = np.zeros(axes, np.int64)
     rows = np.empty((axes, 2 * axes), np.complex128)
+    C = np.empty((len(theta), axes), np.complex128)
+    _find_laws(plant.w, laws, np.empty((laws.b.shape[1], len(theta)), np.complex128), C)
     for k in range(len(theta)):
-        # a call with arrays would take five times as long as all else
+        # a call with arrays would take several times as long as all else
         if axes == 1:
-            size[0] = _square_of_one(plant.z[k], plant.P[k, 0, 0], laws)
+            size[0] = _square_of_one(C[k, 0], plant.P[k, 0, 0])
         else:
-            _find_squares(plant.z[k], plant.P[k], laws, rows, size)
+            _find_squares(C[k], plant.P[k], rows, size)
         for a in range(axes):
             if size[a] > squares[a]:
                 squares[a] = size[a]
                 highest[a] = k
-    work = (rows, np.empty((states, states + axes), np.complex128), np.empty((axes, axes), np.complex128), size)
+    work = _Work(
+        w=np.empty(1, np.complex128),
+        law_states=np.empty((laws.b.shape[1], 1), np.complex128),
+        C=np.empty((1, axes), np.complex128),
+        plant_rows=np.empty((states, states + axes), np.complex128),
+        P=np.empty((axes, axes), np.complex128),
+        rows=rows,
+        squares=size,
+    )
     for a in range(axes):
         low = theta[max(highest[a] - 1, 0)]
         high = theta[min(highest[a] + 1, len(theta) - 1)]
@@ -316,14 +331,36 @@ def _find_peaks(plant: CompiledPlant, laws: Polynomials, poles: Complexes, squar
                 squares[a] = max(squares[a], size[a])
 
 
+class _Work(NamedTuple):
+    """Arrays for the work at one angle.
+
+    Attributes:
+        w: exp(j theta) - 1, (1,).
+        law_states: (states, 1).
+        C: responses of the laws, (1, axes).
+        plant_rows: as of `find_value`.
+        P: response of the plant, (axes, axes).
+        rows: of the equations of S, (axes, 2 axes).
+        squares: |S_ii|^2, (axes,).
+    """
+
+    w: Complexes
+    law_states: Complexes
+    C: Complexes
+    plant_rows: Complexes
+    P: Complexes
+    rows: Complexes
+    squares: Floats
+
+
 @jit
 def _highest_square(
     axis: int,
     low: float,
     high: float,
     plant: CompiledPlant,
-    laws: Polynomials,
-    work: tuple[Complexes, Complexes, Complexes, Floats],
+    laws: CompiledLaws,
+    work: _Work,
 ) -> float:
     """Return the highest |S_ii|^2 of an axis between two angles."""
     step = (high - low) / (_ZOOM - 1)
@@ -357,57 +394,59 @@ def _highest_square(
 
 
 @jit
-def _square_at(
-    angle: float,
-    axis: int,
-    plant: CompiledPlant,
-    laws: Polynomials,
-    work: tuple[Complexes, Complexes, Complexes, Floats],
-) -> float:
-    """Return |S_ii|^2 of an axis at an angle; the work is for axes, states, the plant's response, and all |S_ii|^2."""
-    rows, state_rows, P, squares = work
-    z = cmath.exp(1j * angle)
-    find_value(z, plant.F, (plant.G0, plant.G1), plant.H, state_rows, P)
-    _find_squares(z, P, laws, rows, squares)
-    return float(squares[axis])
+def _square_at(angle: float, axis: int, plant: CompiledPlant, laws: CompiledLaws, work: _Work) -> float:
+    """Return |S_ii|^2 of an axis at an angle; all of them are written into the work."""
+    find_value(cmath.exp(1j * angle), plant.F, (plant.G0, plant.G1), plant.H, work.plant_rows, work.P)
+    half = math.sin(0.5 * angle)
+    work.w[0] = complex(-2.0 * half * half, math.sin(angle))
+    _find_laws(work.w, laws, work.law_states, work.C)
+    _find_squares(work.C[0], work.P, work.rows, work.squares)
+    return float(work.squares[axis])
 
 
 @jit
-def _find_squares(z: complex, P: Complexes, laws: Polynomials, rows: Complexes, squares: Floats) -> None:
-    """Write |S_ii|^2, (axes,), given the response of the plant, (axes, axes)."""
+def _find_squares(C: Complexes, P: Complexes, rows: Complexes, squares: Floats) -> None:
+    """Write |S_ii|^2, (axes,), given the responses of laws, (axes,), and plant, (axes, axes)."""
     axes = len(squares)
     # as most are, for which equations take three times as long
     if axes == 1:
-        squares[0] = _square_of_one(z, P[0, 0], laws)
+        squares[0] = _square_of_one(C[0], P[0, 0])
         return
     for i in range(axes):
-        numerator, denominator = _law_at(z, laws, i)
         for j in range(axes):
-            rows[i, j] = numerator * P[i, j]
+            rows[i, j] = C[i] * P[i, j]
             rows[i, axes + j] = 0.0
-        rows[i, i] += denominator
-        rows[i, axes + i] = denominator
+        rows[i, i] += 1.0
+        rows[i, axes + i] = 1.0
     solve(rows)
     for i in range(axes):
         squares[i] = _square(rows[i, axes + i])
 
 
 @jit
-def _square_of_one(z: complex, P: complex, laws: Polynomials) -> float:
-    """Return |S|^2 of a single axis, given the response of the plant."""
-    numerator, denominator = _law_at(z, laws, 0)
-    return _square(denominator) / _square(denominator + numerator * P)
+def _square_of_one(C: complex, P: complex) -> float:
+    """Return |S|^2 of a single axis, given the responses of its law and of the plant."""
+    return 1.0 / _square(1.0 + C * P)
 
 
 @jit
-def _law_at(z: complex, laws: Polynomials, axis: int) -> tuple[complex, complex]:
-    """Return numerator and denominator of the law of an axis."""
-    numerators, denominators = laws
-    numerator = denominator = 0.0j
-    for k in range(numerators.shape[1]):
-        numerator = numerator * z + numerators[axis, k]
-        denominator = denominator * z + denominators[axis, k]
-    return numerator, denominator
+def _find_laws(w: Complexes, laws: CompiledLaws, states: Complexes, C: Complexes) -> None:
+    """Write the responses of laws at points w, (n, axes); the states, (states, n), are for the work."""
+    E, b, c, D = laws
+    last = len(states) - 1
+    for a in range(len(D)):
+        for k in range(len(w)):
+            C[k, a] = D[a]
+        for i in range(last, -1, -1):
+            for k in range(len(w)):
+                total = b[a, i]
+                for j in range(i + 1, last + 1):
+                    total += E[a, i, j] * states[j, k]
+                pivot = w[k] - E[a, i, i]
+                # faster than a division of complex numbers
+                share = 1.0 / _square(pivot)
+                states[i, k] = total * complex(pivot.real * share, -pivot.imag * share)
+                C[k, a] += c[a, i] * states[i, k]
 
 
 @jit

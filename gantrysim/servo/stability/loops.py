@@ -17,8 +17,8 @@ from gantrysim.base.arrays import Complexes, Floats, read_only_view
 from gantrysim.servo.stability.linear_system import (
     NARROW_DAMPING,
     Compensator,
+    CompiledLaws,
     CompiledPlant,
-    polynomials_of,
     sensitivity_peaks,
 )
 from gantrysim.servo.stability.motion import LinearSystem
@@ -60,7 +60,7 @@ class FrequencyResponse:
         system = self.system
         return CompiledPlant(
             theta=read_only_view(self.theta),
-            z=read_only_view(np.exp(1j * self.theta)),
+            w=read_only_view(-2 * np.sin(0.5 * self.theta) ** 2 + 1j * np.sin(self.theta)),
             P=read_only_view(self.P),
             F=_contiguous(system.F),
             G0=_contiguous(system.G0),
@@ -175,7 +175,7 @@ class Loops:
 
     def peaks(self) -> Floats:
         """Return the peak of |S| = |1/(1 + L)| of each axis of stable loops, (axes,)."""
-        return sensitivity_peaks(self.plant.compiled, polynomials_of(self.laws), self.closed_poles)
+        return sensitivity_peaks(self.plant.compiled, CompiledLaws.of(self.laws), self.closed_poles)
 
 
 def _closed_motion(
@@ -224,10 +224,10 @@ def peaks_of(loops: Sequence[Loops]) -> Floats:
     systems = [loop.system for loop in loops]
     F, G0, G1, H = (np.stack([getattr(system, name) for system in systems]) for name in ("F", "G0", "G1", "H"))
     poles = np.linalg.eigvals(_closed_motion((F, G0, G1, H), laws, [1.0] * len(laws))).astype(complex)
-    polynomials = polynomials_of(laws)
+    compiled = CompiledLaws.of(laws)
     peaks = np.full((len(loops), len(laws)), np.inf)
     for k in np.flatnonzero(_are_stable(poles)).tolist():
-        peaks[k] = sensitivity_peaks(loops[k].plant.compiled, polynomials, poles[k])
+        peaks[k] = sensitivity_peaks(loops[k].plant.compiled, compiled, poles[k])
     return peaks
 
 

@@ -768,3 +768,22 @@ def test_the_peak_of_s_is_that_of_dense_sampling(name):
         dense = np.abs(np.einsum("nii->ni", inverse)).max(axis=0)
         # of the delta's sharp modes the angles miss the top as well; of the others the grids alone miss more than this
         assert found[axes] == pytest.approx(dense, rel=1e-5 if name == "delta" else 1e-6)
+
+
+@pytest.mark.parametrize("slower", [100, 600])
+@pytest.mark.parametrize("name", suite_runs(["xy", "stage", "delta"], 0, 1))
+def test_the_peak_of_s_of_slow_loops_is_that_of_dense_sampling(name, slower):
+    """Of laws with an observer, all whose poles lie near z = 1."""
+    machine = Machine(name)
+    servo = Servo.derive(machine.axes, 2.5e-4, law=["p-pi", "observer"])
+    powers = {"kp": 2, "ki": 3, "kd": 1, "observer_bandwidth": 1}
+    values = {gain: tuple(value / slower**power for value in servo.per_axis(gain)) for gain, power in powers.items()}
+    servo = servo.with_values(**values)
+    plant = Plant.of(machine, servo.period, servo.delay, drives=servo.loop_drives)
+    found = plant.sensitivity(servo)
+    z = np.exp(1j * np.geomspace(1e-7, np.pi, 20_000))
+    for loops in plant.loops(servo):
+        law = np.stack([law.response(z) for law in loops.laws], axis=1)
+        inverse = np.linalg.inv(np.eye(len(loops.laws)) + law[:, :, None] * loops.system.response(z))
+        dense = np.abs(np.einsum("nii->ni", inverse)).max(axis=0)
+        assert found[list(loops.system.axes)] == pytest.approx(dense, rel=1e-5)
