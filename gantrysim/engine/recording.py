@@ -439,13 +439,23 @@ def thinned_run(run: Run, every: int) -> Run:
 
 def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dispenser: Dispenser) -> Run:
     """Return the record of a machine without following error, and without torque; arguments as in `LogBook`."""
-    content: dict[str, Any] = {}
+    count, axes = position.shape
     program = SentProgram(machine, setpoints, position, dispenser)
-    sent_columns(program, np.arange(len(position)), content)
+    content: dict[str, Any] = {}
+    if count > memory.LONG_RUN:
+        optional = tuple(name for name in _OPTIONAL if getattr(setpoints, name) is not None)
+        columns = columns_of(axes, waiting=False, geometry=False, optional=optional)
+        sent = ("time", "commanded", "commanded_tip", "flow", "flow_demand", "dispense", *optional)
+        table = FileTable(count, {name: columns[name] for name in sent})
+        sent_columns(program, np.arange(count), content, table)
+        content |= table.first_rows(count)
+    else:
+        sent_columns(program, np.arange(count), content)
+        content = protected_columns(content)
     tip = content["commanded_tip"]
-    none = np.zeros_like(position)
-    content |= dict.fromkeys(("encoder", "motor"), position) | dict.fromkeys(TIPS, tip)
+    none = read_only(np.zeros_like(position))
+    content |= dict.fromkeys(("encoder", "motor"), content["commanded"]) | dict.fromkeys(TIPS, tip)
     content |= dict.fromkeys(("demand", "torque", "current", "voltage"), none)
     if machine.geometry is not None:
         content["geometric_tip"] = tip
-    return Run(**constants(machine, setpoints, dispenser), **protected_columns(content))
+    return Run(**constants(machine, setpoints, dispenser), **content)
