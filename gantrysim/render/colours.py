@@ -175,9 +175,8 @@ def errors_along(bead_trace: BeadTrace) -> Floats:
     run = bead_trace.run
     if not run.dispense.any():
         return np.zeros(bead_trace.place.size)
-    ticks = np.arange(len(run.time), dtype=np.float64)
-    analysis = bead_trace.analysis
-    return bead_trace.along(UM * np.interp(ticks, analysis.ticks, analysis.nozzle.distance))
+    foot = bead_trace.analysis.nozzle
+    return bead_trace.along(bead_trace.at_all_ticks(lambda rows: UM * foot.distance[rows]))
 
 
 def _rounded_up(value: float) -> float:

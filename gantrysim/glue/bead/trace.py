@@ -214,9 +214,9 @@ class BeadTrace:
     def _vertical_error(self) -> Floats:
         """Vertical contour error at every tick, before and after dispensing that at the end, (n,) [mm]."""
         foot = self.analysis.nozzle
-        return self._at_all_ticks(lambda rows: foot.offset[rows, 2])
+        return self.at_all_ticks(lambda rows: foot.offset[rows, 2])
 
-    def _at_all_ticks(self, values: Callable[[slice], Floats]) -> Floats:
+    def at_all_ticks(self, values: Callable[[slice], Floats]) -> Floats:
         """Return values at all ticks, (n,), given those of some rows of the analysis; between these they are linear."""
         ticks = self.analysis.ticks
 
@@ -382,7 +382,7 @@ class BeadTrace:
             return run.nozzle[:, 2] - self.gap
         ticks = self.analysis.ticks
         foot = self.analysis.nozzle
-        return self._at_all_ticks(lambda rows: run.nozzle[ticks[rows], 2] - foot.offset[rows, 2] - self.gap)
+        return self.at_all_ticks(lambda rows: run.nozzle[ticks[rows], 2] - foot.offset[rows, 2] - self.gap)
 
     @cached_property
     def area(self) -> Floats:

@@ -137,10 +137,8 @@ def _colouring(results: RunResults, bead: Bead, nominal: float) -> tuple[Floats,
     """Return values at the stations in tolerances, their scale, and title and ends of the scale in words."""
     tolerance = results.basis.limits(results.budget.analysis.run.face)
     if results.verdict.shown_row == PATH:
-        budget = results.budget
-        analysis = budget.analysis
-        size = UM * np.interp(np.arange(len(bead.length)), analysis.ticks, budget.contour.size)
-        values = bead.along(size)
+        contour = results.budget.contour
+        values = bead.along(bead.at_all_ticks(lambda rows: UM * contour.at(rows).size))
         limit = UM * (results.verdict.path_limit or tolerance.path_max)
         return values / limit, SHARE, (f"contour error, limit {limit:.3g} µm", "0", f"{SHARE.high * limit:.3g} µm")
     limit = tolerance.bead_width
