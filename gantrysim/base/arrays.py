@@ -73,6 +73,11 @@ def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
+def compiled_view(values: NDArray[Any]) -> NDArray[Any]:
+    """Return numbers as compiled functions take them: contiguous floats, read-only."""
+    return read_only_view(np.ascontiguousarray(values, np.float64))
+
+
 def spans(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
     """First index of every run of True, and the first after it, (k, 2)."""
     return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, at_rows, read_only_view, spans
+from gantrysim.base.arrays import Floats, at_rows, compiled_view, spans
 from gantrysim.base.columns import by_blocks
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
@@ -265,7 +265,9 @@ class Bead(BeadTrace, Shown):
         """
         run = self.run
         stretch = slice(begin, end)
-        first, after = _settled_flow(_contiguous(run.flow_demand[stretch]), _contiguous(run.flow[stretch]), run.period)
+        first, after = _settled_flow(
+            compiled_view(run.flow_demand[stretch]), compiled_view(run.flow[stretch]), run.period
+        )
         # too short to settle, or without glue
         if not after:
             return (begin + end) // 2, (begin + end) // 2
@@ -295,10 +297,6 @@ class Bead(BeadTrace, Shown):
         near = slice(station - 1, station + 1)
         a, b = (self.area[near] - 0.5 * self.wanted[near]).tolist()
         return float(self.place[station - 1]) - self.ds * a / (b - a)
-
-
-def _contiguous(values: Floats) -> Floats:
-    return read_only_view(np.ascontiguousarray(values))
 
 
 @jit

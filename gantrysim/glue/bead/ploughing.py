@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, read_only_view, spans
+from gantrysim.base.arrays import Floats, compiled_view, spans
 from gantrysim.base.columns import by_blocks
 from gantrysim.base.jit import jit
 from gantrysim.glue.bead.contacts import Needle, Sections, cells_of, contacts
@@ -207,7 +207,7 @@ def _surface(bead: BeadTrace) -> Floats:
         ticks = bead.analysis.ticks
         foot = bead.analysis.nozzle
         above = by_blocks(lambda block: foot.offset[block, 2], ticks.size)
-        trace = _Trace(read_only_view(np.ascontiguousarray(run.nozzle)), ticks, read_only_view(above), bead.length)
+        trace = _Trace(compiled_view(run.nozzle), ticks, compiled_view(above), bead.length)
         if _found_surface(trace, bead.gap, bead.place, surface):
             return surface
     return bead.along(bead.surface())

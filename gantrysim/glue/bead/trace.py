@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, read_only_view, spans
+from gantrysim.base.arrays import Floats, compiled_view, spans
 from gantrysim.base.columns import by_blocks, extent
 from gantrysim.base.errors import check_type, whole_number
 from gantrysim.base.jit import jit
@@ -41,13 +41,8 @@ def surface_steps(run: Run) -> Floats:
     so that glue which flows meanwhile lies on the spot.
     """
     steps = np.empty(len(run.time) - 1)
-    _find_surface_steps(_columns(run.nozzle), steps)
+    _find_surface_steps(compiled_view(run.nozzle), steps)
     return steps
-
-
-def _columns(points: Floats) -> Floats:
-    """Return points as compiled functions take them, (n, 3)."""
-    return read_only_view(np.ascontiguousarray(points))
 
 
 @jit
@@ -242,7 +237,7 @@ class BeadTrace:
     def _headings(self) -> tuple[Floats, Floats]:
         direction = np.empty((2, self.place.size))
         level = np.empty(self.place.size)
-        _find_headings(_columns(self.point), 1e-9 * self.ds, direction, level)
+        _find_headings(compiled_view(self.point), 1e-9 * self.ds, direction, level)
         return direction, level
 
     @cached_property
@@ -358,7 +353,7 @@ class BeadTrace:
     def commanded_steps(self) -> Floats:
         """Length of the commanded path from each tick to the next, (n - 1,) [mm]."""
         steps = np.empty(len(self.run.time) - 1)
-        _find_steps(_columns(self.run.commanded_tip), steps)
+        _find_steps(compiled_view(self.run.commanded_tip), steps)
         return steps
 
     @cached_property

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Complexes, Floats, read_only_view
+from gantrysim.base.arrays import Complexes, Floats, compiled_view, read_only_view
 from gantrysim.servo.stability.linear_system import (
     NARROW_DAMPING,
     Compensator,
@@ -62,15 +62,11 @@ class FrequencyResponse:
             theta=read_only_view(self.theta),
             w=read_only_view(-2 * np.sin(0.5 * self.theta) ** 2 + 1j * np.sin(self.theta)),
             P=read_only_view(self.P),
-            F=_contiguous(system.F),
-            G0=_contiguous(system.G0),
-            G1=_contiguous(system.G1),
-            H=_contiguous(system.H),
+            F=compiled_view(system.F),
+            G0=compiled_view(system.G0),
+            G1=compiled_view(system.G1),
+            H=compiled_view(system.H),
         )
-
-
-def _contiguous(matrix: Floats) -> Floats:
-    return read_only_view(np.ascontiguousarray(matrix, float))
 
 
 def _grid(system: LinearSystem) -> Floats:

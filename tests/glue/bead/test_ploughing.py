@@ -13,6 +13,7 @@ from gantrysim.controllers.valve import Dispense
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.glue.bead import Bead, BeadSettings, Ploughing
 from gantrysim.glue.bead.contacts import Needle, Sections, cells_of, contacts
+from gantrysim.glue.bead.ploughing import _surface
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints
@@ -371,3 +372,13 @@ def test_a_stroke_that_turns_back_doubles_its_bead_beyond_what_counts_as_being_l
     assert ploughing.passes == (back > free)
     if back > free:
         assert ploughing.length == pytest.approx(back - free + FACE / 2, abs=2 * STATION)
+
+
+def test_the_surface_of_a_climbing_bead_is_linear_between_ticks_far_apart():
+    """The gap below a line of slope 1/4; where it ends, it is that of the last tick from which the nozzle moves."""
+    bead = bead_of(((0, 0, 0), False), ((40, 0, 10), True), period=0.05)
+    step = SPEED * 0.05
+    assert step > 10 * STATION
+    surface = _surface(bead)
+    inside = bead.point[:, 0] < 40 - step
+    assert surface[inside] == pytest.approx(bead.point[inside, 0] / 4 - GAP, abs=1e-9)
